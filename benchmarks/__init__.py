@@ -1,0 +1,1 @@
+"""Benchmarks that anyone can rerun; they are not part of the installed package."""

@@ -1,0 +1,1 @@
+"""Pipelines that the package ships, by name."""

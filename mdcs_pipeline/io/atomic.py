@@ -1,0 +1,37 @@
+"""Files that are there whole or not at all."""
+
+from __future__ import annotations
+
+import os
+import secrets
+from pathlib import Path
+
+
+def write_atomically(path: Path, data: bytes) -> None:
+    """Put `data` into the file `path`, or leave everything as it was.
+
+    Parameters
+    ----------
+    path : Path
+        An older file is replaced; of a symbolic link, the file that it leads to.
+    data : bytes
+
+    Raises
+    ------
+    OSError
+        If the folder or the disk refuses; no temporary file is left.
+    """
+    target = Path(os.path.realpath(path))
+    # Same folder: only within one file system is the replacement a single step. Created by
+    # os.open and not by tempfile, so that the user's umask gives the file its mode.
+    temporary = target.with_name(f".mdcs-{secrets.token_hex(8)}.tmp")
+    try:
+        descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
+        with os.fdopen(descriptor, "wb") as stream:
+            stream.write(data)
+            stream.flush()
+            os.fsync(stream.fileno())
+        os.replace(temporary, target)  # noqa: PTH105 - tests stop the write here
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise

@@ -1,0 +1,1 @@
+"""Loops compiled by numba; everything else in `kernels` is plain numpy."""

@@ -1,0 +1,56 @@
+"""Which nodes' points touch each other on the surface."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+def contacts(graph: sparse.csr_array, owner: IntArray, count: int) -> sparse.csr_array:
+    """Return how many neighbouring points each two nodes own.
+
+    Parameters
+    ----------
+    graph : csr_array, (n, n)
+        Symmetric neighbour graph of the points.
+    owner : (n,) int64
+        Node of each point.
+    count : int
+        m.
+
+    Returns
+    -------
+    csr_array, (m, m)
+        Symmetric, diagonal 0.
+    """
+    rows = owner[np.repeat(np.arange(graph.shape[0]), np.diff(graph.indptr))]
+    columns = owner[graph.indices]
+    apart = rows != columns
+    ones = np.ones(int(np.count_nonzero(apart)))
+    return sparse.csr_array(
+        sparse.coo_array((ones, (rows[apart], columns[apart])), shape=(count, count))
+    )
+
+
+def relative_contact(touching: sparse.csr_array, pairs: IntArray) -> FloatArray:
+    """Return the contact of each pair relative to the smaller of its nodes' largest contacts.
+
+    Parameters
+    ----------
+    touching : csr_array, (m, m)
+    pairs : (E, 2) int64
+
+    Returns
+    -------
+    (E,) float64
+    """
+    if not len(pairs):
+        return np.zeros(0)
+    largest = np.asarray(touching.max(axis=1).toarray()).ravel()
+    shared = np.asarray(touching[pairs[:, 0], pairs[:, 1]]).ravel()
+    smaller = largest[pairs].min(axis=1)
+    return np.asarray(shared / np.where(smaller > 0, smaller, 1.0), dtype=np.float64)

@@ -1,0 +1,130 @@
+"""Connections between nodes, read from the plan."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+class Links(NamedTuple):
+    """Weighted connections, each once.
+
+    Parameters
+    ----------
+    pairs : (E, 2) int64
+        i < j.
+    strength : (E,) float64
+        In the unit of the rule that made them.
+    """
+
+    pairs: IntArray
+    strength: FloatArray
+
+
+def unique_pairs(pairs: IntArray) -> IntArray:
+    """Return the (E, 2) pairs with i < j, sorted, each once, without i = j."""
+    ordered = np.sort(pairs.reshape(-1, 2), axis=1)
+    kept = ordered[ordered[:, 0] != ordered[:, 1]]
+    return np.unique(kept, axis=0) if len(kept) else np.empty((0, 2), np.int64)
+
+
+def named_pairs(top: IntArray, shares: FloatArray, two_share: float) -> IntArray:
+    """Return the pairs (x_1, x_2), and (x_1, x_3) of points that need three (section IV.B).
+
+    Parameters
+    ----------
+    top : (n, 3) int64
+    shares : (n, 3) float64
+    two_share : float
+
+    Returns
+    -------
+    (E, 2) int64
+    """
+    first = top[top[:, 1] >= 0][:, [0, 1]]
+    three = (shares[:, 0] + shares[:, 1] <= two_share) & (top[:, 2] >= 0)
+    return unique_pairs(np.concatenate([first, top[three][:, [0, 2]]]))
+
+
+def shared_mass(plan: sparse.csr_array, floor: float) -> Links:
+    """Return Σ (π_ij + π_kj) over the points that send mass to both i and k.
+
+    The text's noise check drops a link where this is under 0.1 (ρ_i + ρ_k).
+
+    Parameters
+    ----------
+    plan : csr_array, (n, m)
+    floor : float
+        Shares below this do not count as sending mass.
+
+    Returns
+    -------
+    Links
+    """
+    kept = _without_small(plan, floor)
+    serves = sparse.csr_array(
+        (np.ones_like(kept.data), kept.indices, kept.indptr), shape=kept.shape
+    )
+    one_way = sparse.coo_array(kept.T @ serves)
+    return _upper(sparse.csr_array(one_way + one_way.T))
+
+
+def co_transport(plan: sparse.csr_array, mass: FloatArray, floor: float) -> Links:
+    """Return W_ik = Σ_j π_ij π_kj / ϱ_j relative to min(ρ_i, ρ_k).
+
+    The mass that the two nodes would exchange if it went from node to point and back at
+    random: the second-order walk on the plan. It is symmetric, needs no single point's vote,
+    and is 0 without common points.
+
+    Parameters
+    ----------
+    plan : csr_array, (n, m)
+    mass : (n,) float64
+        ϱ_j.
+    floor : float
+        Shares below this are left out.
+
+    Returns
+    -------
+    Links
+    """
+    kept = _without_small(plan, floor)
+    node_mass = np.bincount(plan.indices, plan.data, minlength=plan.shape[1])
+    scaled = sparse.csr_array(sparse.diags_array(1.0 / mass) @ kept)
+    links = _upper(sparse.csr_array(kept.T @ scaled))
+    smaller = node_mass[links.pairs].min(axis=1)
+    return Links(links.pairs, links.strength / np.maximum(smaller, np.finfo(float).tiny))
+
+
+def _without_small(plan: sparse.csr_array, floor: float) -> sparse.csr_array:
+    rows = np.repeat(np.arange(plan.shape[0]), np.diff(plan.indptr))
+    totals = np.bincount(rows, plan.data, minlength=plan.shape[0])
+    kept = plan.data > floor * totals[rows]
+    return sparse.csr_array(
+        sparse.coo_array((plan.data[kept], (rows[kept], plan.indices[kept])), shape=plan.shape)
+    )
+
+
+def _upper(matrix: sparse.csr_array) -> Links:
+    upper = sparse.coo_array(sparse.triu(matrix, k=1))
+    order = np.lexsort((upper.col, upper.row))
+    pairs = np.stack([upper.row[order], upper.col[order]], axis=1).astype(np.int64)
+    return Links(pairs, np.asarray(upper.data[order], dtype=np.float64))
+
+
+def widened(plan: sparse.csr_array, mass: FloatArray, factor: float) -> sparse.csr_array:
+    """Return the plan with the same potentials at `factor` · ε, points' mass kept.
+
+    exp((f − d²)/(factor ε)) = exp((f − d²)/ε)^(1/factor), so a row only needs its power.
+    """
+    rows = np.repeat(np.arange(plan.shape[0]), np.diff(plan.indptr))
+    powered = plan.data ** (1.0 / factor)
+    totals = np.bincount(rows, powered, minlength=plan.shape[0])
+    data = powered * (mass / np.maximum(totals, np.finfo(float).tiny))[rows]
+    return sparse.csr_array((data, plan.indices, plan.indptr), shape=plan.shape)

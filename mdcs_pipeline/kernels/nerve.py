@@ -1,0 +1,80 @@
+"""Filled triangles: the nerve of the cover of the cloud by its nodes' points.
+
+The sets Y_i of points that send mass to node i cover the cloud. Where three of them meet in
+common points, the triangle of their nodes is filled, and its cycle is no hole of the shape.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+def filled_triangles(top: IntArray, shares: FloatArray, floor: float, points: int) -> IntArray:
+    """Return the node triples that share at least `points` points.
+
+    Parameters
+    ----------
+    top : (n, k) int64
+        Nodes by falling share, −1 where there are fewer.
+    shares : (n, k) float64
+    floor : float
+        Least share that counts as serving a node.
+    points : int
+        Least number of common points.
+
+    Returns
+    -------
+    (T, 3) int64
+        Rising indices, each triple once.
+    """
+    width = top.shape[1]
+    serves = (shares > floor) & (top >= 0)
+    triples = [
+        top[serves[:, a] & serves[:, b] & serves[:, c]][:, [a, b, c]]
+        for a in range(width)
+        for b in range(a + 1, width)
+        for c in range(b + 1, width)
+    ]
+    found = np.sort(np.concatenate(triples), axis=1) if triples else np.empty((0, 3), np.int64)
+    if not len(found):
+        return np.empty((0, 3), np.int64)
+    unique, counts = np.unique(found, axis=0, return_counts=True)
+    return np.asarray(unique[counts >= points], dtype=np.int64)
+
+
+def open_triangles(nodes: FloatArray, pairs: IntArray, triangles: IntArray) -> IntArray:
+    """Return the pairs without the longest edge of every filled triangle, longest first.
+
+    Dropping one edge of a filled triangle that still has all three is a collapse: it changes
+    neither the pieces nor the holes of the complex.
+
+    Parameters
+    ----------
+    nodes : (m, 3) float64
+    pairs : (E, 2) int64
+    triangles : (T, 3) int64
+
+    Returns
+    -------
+    (E', 2) int64
+    """
+    alive = {(int(i), int(j)) for i, j in pairs}
+    corners = [(int(a), int(b), int(c)) for a, b, c in triangles]
+
+    def length(edge: tuple[int, int]) -> float:
+        return float(np.linalg.norm(nodes[edge[0]] - nodes[edge[1]]))
+
+    def longest(triangle: tuple[int, int, int]) -> tuple[float, tuple[int, int]]:
+        a, b, c = triangle
+        return max((length(edge), edge) for edge in ((a, b), (a, c), (b, c)))
+
+    for (_, edge), (a, b, c) in sorted(
+        ((longest(triangle), triangle) for triangle in corners), reverse=True
+    ):
+        if {(a, b), (a, c), (b, c)} <= alive:
+            alive.discard(edge)
+    return np.array(sorted(alive), dtype=np.int64).reshape(-1, 2)

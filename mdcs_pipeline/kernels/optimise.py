@@ -1,0 +1,117 @@
+"""Algorithm 2: nodes and plan in turn, until the objective settles."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from mdcs_pipeline.kernels.energy import bending_energy, transport_energy
+from mdcs_pipeline.kernels.sinkhorn import Accuracy, Problem, Solution, solve, solve_free
+from mdcs_pipeline.kernels.update import bending, pull, relaxed_step
+
+FloatArray = NDArray[np.float64]
+
+
+class Descent(NamedTuple):
+    """How Algorithm 2 steps.
+
+    Parameters
+    ----------
+    power : int
+        p of the node update, 1 or 2.
+    step : float
+        θ in (0, 1].
+    max_steps : int
+        Bound on updates of X.
+    settle : float
+        The loop ends when a step lowers the objective by less than this, in ε.
+    free : bool
+        Whether node masses float instead of being prescribed.
+    smoothing : float
+        λ of Eq. 1.
+    """
+
+    power: int = 2
+    step: float = 0.1
+    max_steps: int = 30
+    settle: float = 1e-2
+    free: bool = False
+    smoothing: float = 0.0
+
+
+class Optimised(NamedTuple):
+    """Where Algorithm 2 ended.
+
+    Parameters
+    ----------
+    problem : Problem
+        With the final nodes.
+    solution : Solution
+        The plan for them; its passes are those of all steps.
+    energy : tuple of float
+        The objective after each step, the first before any.
+    settled : bool
+        Whether the objective settled within the bound on steps.
+    """
+
+    problem: Problem
+    solution: Solution
+    energy: tuple[float, ...]
+    settled: bool
+
+
+def optimise(
+    problem: Problem,
+    potentials: FloatArray,
+    accuracy: Accuracy,
+    descent: Descent,
+    edges: NDArray[np.int64] | None = None,
+) -> Optimised:
+    """Minimise (1 − λ) W + λ R over nodes and plan by alternating minimisation (Algorithm 2).
+
+    Parameters
+    ----------
+    problem : Problem
+        With the nodes to start from.
+    potentials : (m,) float64
+        f to start from.
+    accuracy : Accuracy
+    descent : Descent
+    edges : (E, 2) int64, optional
+        The graph that R smooths; needed where λ > 0.
+
+    Returns
+    -------
+    Optimised
+    """
+    transport = solve_free if descent.free else solve
+    smoothing = None
+    if edges is not None and descent.smoothing > 0:
+        smoothing = bending(edges, len(problem.nodes))
+    scales = problem.point_scale, problem.node_scale
+    solution = transport(problem, potentials, accuracy)
+    energy = [_objective(solution, problem, smoothing, descent.smoothing)]
+    passes, settled = solution.passes, False
+    for _ in range(descent.max_steps):
+        pulled = pull(solution.plan, problem.points, problem.nodes, descent.power, scales)
+        moved = relaxed_step(problem.nodes, pulled, smoothing, descent.smoothing, descent.step)
+        problem = problem._replace(nodes=moved)
+        solution = transport(problem, solution.node_potentials, accuracy)
+        passes += solution.passes
+        energy.append(_objective(solution, problem, smoothing, descent.smoothing))
+        if energy[-2] - energy[-1] < descent.settle * problem.epsilon:
+            settled = True
+            break
+    return Optimised(problem, solution._replace(passes=passes), tuple(energy), settled)
+
+
+def _objective(
+    solution: Solution, problem: Problem, smoothing: sparse.csr_array | None, weight: float
+) -> float:
+    transport = transport_energy(solution.plan, problem)
+    if smoothing is None:
+        return transport
+    return (1.0 - weight) * transport + weight * bending_energy(smoothing, problem.nodes)

@@ -1,0 +1,1 @@
+"""The stages, one a file; each is found by its entry point."""

@@ -1,0 +1,68 @@
+"""Outliers out."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from pydantic import Field
+
+from mdcs_pipeline.kernels.outliers import lonely_points
+from mdcs_pipeline.kernels.surface import islands, surface_graph
+from mdcs_pipeline.messages import PointCloud
+from mdcs_pipeline.stage import Settings, Stage
+
+
+class CleanSettings(Settings):
+    """Settings of `Clean`."""
+
+    neighbours: int = Field(
+        8, ge=1, le=100, description="Neighbour that a point's radius reaches to."
+    )
+    against_near: float = Field(
+        2.5, gt=1, description="Largest radius of a point, in medians of its neighbours' radii."
+    )
+    against_all: float = Field(
+        6.0, gt=1, description="Largest radius of a point, in medians over the whole cloud."
+    )
+    passes: int = Field(
+        2, ge=0, le=10, description="Times that the test is run: outliers hide each other."
+    )
+    least_island: float = Field(
+        0.004,
+        ge=0,
+        lt=1,
+        description="Smaller shares of the points that hang together with no other are dropped.",
+    )
+
+
+class Cleaned(NamedTuple):
+    """Output of `Clean`."""
+
+    cloud: PointCloud
+
+
+class Clean(Stage[CleanSettings]):
+    """Drop points that lie far from all others, and specks of them."""
+
+    Settings = CleanSettings
+
+    def __call__(self, cloud: PointCloud) -> Cleaned:
+        """Return the cloud without its outliers; a cloud of a few points stays as it is."""
+        keep = np.arange(len(cloud))
+        settings = self.settings
+        for _ in range(settings.passes):
+            if len(keep) <= 4 * settings.neighbours:
+                break
+            lonely = lonely_points(
+                cloud.positions[keep],
+                settings.neighbours,
+                settings.against_near,
+                settings.against_all,
+            )
+            keep = keep[~lonely]
+        if settings.least_island > 0 and len(keep) > 4 * settings.neighbours:
+            graph = surface_graph(cloud.positions[keep], settings.neighbours, 0).graph
+            keep = keep[~islands(graph, np.ones(len(keep)), settings.least_island)]
+        weights = None if cloud.weights is None else cloud.weights[keep]
+        return Cleaned(PointCloud(cloud.positions[keep], weights, cloud.header, cloud.dropped))

@@ -1,0 +1,92 @@
+"""Voxel means of a cloud."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from pydantic import Field
+
+from mdcs_pipeline.errors import InputError
+from mdcs_pipeline.kernels.canonical import canonical_frame
+from mdcs_pipeline.kernels.voxels import voxel_means
+from mdcs_pipeline.messages import PointCloud, UnitFrame
+from mdcs_pipeline.stage import Settings, Stage
+
+
+class DownsampleSettings(Settings):
+    """Settings of `Downsample`."""
+
+    voxel: float = Field(
+        0.0105,
+        gt=0,
+        le=0.5,
+        description="Edge of a voxel in unit lengths (about the diagonal of the cloud); the "
+        "default is a third of √ε, so that a point stands for no more than the kernel sees.",
+    )
+    voxel_size: float | None = Field(
+        None, gt=0, description="Edge of a voxel in input units; replaces `voxel` when given."
+    )
+
+
+class Downsampled(NamedTuple):
+    """Output of `Downsample`."""
+
+    cloud: PointCloud
+
+
+class Downsample(Stage[DownsampleSettings]):
+    """Replace the points of each voxel by their centroid, weighted by their count."""
+
+    Settings = DownsampleSettings
+
+    def __call__(self, cloud: PointCloud) -> Downsampled:
+        """Return the centroids in the order of the voxels; their weights keep the total.
+
+        The grid lies along the cloud's own axes, so that the result moves with the cloud.
+
+        Raises
+        ------
+        InputError
+            If the cloud is empty, all its points coincide, or the voxels are too many to count.
+        """
+        unit = unit_frame(cloud)
+        size = self.settings.voxel
+        if self.settings.voxel_size is not None:
+            size = self.settings.voxel_size / unit.length
+        try:
+            voxels = voxel_means(unit.to_unit(cloud.positions), cloud.weights, size)
+        except ValueError as error:
+            raise InputError(
+                str(error),
+                received=f"voxel {size:.3g} unit lengths",
+                remedy="take a larger voxel, or remove far outliers first",
+            ) from error
+        positions = unit.from_unit(voxels.centroids)
+        return Downsampled(PointCloud(positions, voxels.weights, cloud.header, cloud.dropped))
+
+
+def unit_frame(cloud: PointCloud) -> UnitFrame:
+    """Return the frame in which the cloud is centred, along its axes and of unit size.
+
+    Raises
+    ------
+    InputError
+        If the cloud is empty or all its points coincide.
+    """
+    if not len(cloud):
+        raise InputError(
+            "the cloud is empty",
+            received=f"0 points, {cloud.dropped} dropped as not finite",
+            remedy="check the source",
+        )
+    frame = canonical_frame(cloud.positions, cloud.weights)
+    # Where the spread is only the round-off of large coordinates there is no shape to measure.
+    size = float(np.abs(cloud.positions).max())
+    if frame.length <= 1e-12 * size or frame.length == 0.0:
+        raise InputError(
+            "all points coincide",
+            received=f"{len(cloud)} points within {frame.length:.3g} of each other",
+            remedy="a skeleton needs a shape with an extent",
+        )
+    return UnitFrame(*frame)

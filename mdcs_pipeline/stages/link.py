@@ -1,0 +1,95 @@
+"""Edges between the nodes of a plan."""
+
+from __future__ import annotations
+
+from typing import Literal, NamedTuple
+
+import numpy as np
+from pydantic import Field
+
+from mdcs_pipeline.arrays import IntArray
+from mdcs_pipeline.kernels.compiled.shares import top_shares
+from mdcs_pipeline.kernels.contact import contacts, relative_contact
+from mdcs_pipeline.kernels.links import Links, co_transport, widened
+from mdcs_pipeline.kernels.nerve import filled_triangles, open_triangles
+from mdcs_pipeline.kernels.spanning import spanning_links
+from mdcs_pipeline.messages import MassCloud, RoughSkeleton, Surface, TransportPlan
+from mdcs_pipeline.stage import Settings, Stage
+
+
+class LinkSettings(Settings):
+    """Settings of `Link`."""
+
+    rule: Literal["kept", "co_transport"] = Field(
+        "kept",
+        description="kept: the connections that merging kept (section IV.B); co_transport: "
+        "nodes that share mass through common points, without the triangles that these fill.",
+    )
+    widening: float = Field(
+        2.0, ge=1, le=10, description="ε of the plan that links are read from, in the plan's own."
+    )
+    strength: float = Field(
+        0.1, ge=0, lt=1, description="Least co-transported mass, relative to the smaller node's."
+    )
+    contact: float = Field(
+        0.08,
+        ge=0,
+        le=1,
+        description="Least contact of two nodes' points on the surface, relative to the smaller "
+        "of their largest contacts; used where a surface is given.",
+    )
+    joining: float = Field(
+        0.01,
+        ge=0,
+        lt=1,
+        description="Least strength of a link that joins two pieces; weaker ones carry no mass.",
+    )
+    least_share: float = Field(
+        0.01, ge=0, lt=1, description="Share from which a point counts as serving a node (IV.C)."
+    )
+    common_points: int = Field(
+        1, ge=1, description="Common points of three nodes that fill their triangle."
+    )
+
+
+class LinkOutput(NamedTuple):
+    """Output of `Link`."""
+
+    rough: RoughSkeleton
+
+
+class Link(Stage[LinkSettings]):
+    """Connect the nodes whose points share their mass."""
+
+    Settings = LinkSettings
+
+    def __call__(
+        self, cloud: MassCloud, plan: TransportPlan, surface: Surface | None = None
+    ) -> LinkOutput:
+        """Return the rough skeleton: the plan, its nodes' edges and labels.
+
+        With a surface, nodes must touch on it to be linked: what is close only through the
+        air stays apart.
+        """
+        if self.settings.rule == "kept":
+            edges = plan.nodes.links
+        else:
+            edges = self._by_mass(cloud, plan, surface)
+        return LinkOutput(RoughSkeleton(plan, edges, plan.nodes.settled))
+
+    def _by_mass(
+        self, cloud: MassCloud, plan: TransportPlan, surface: Surface | None
+    ) -> IntArray:
+        settings, nodes = self.settings, plan.nodes
+        wide = widened(plan.plan, cloud.mass, settings.widening)
+        links = co_transport(wide, cloud.mass, 1e-3)
+        top, shares = top_shares(plan.plan.indptr, plan.plan.indices, plan.plan.data, 6)
+        near = np.ones(len(links.pairs))
+        if surface is not None:
+            touching = contacts(surface.graph, top[:, 0], len(nodes))
+            near = relative_contact(touching, links.pairs)
+        strong = (links.strength > settings.strength) & (near >= settings.contact)
+        filled = filled_triangles(top, shares, settings.least_share, settings.common_points)
+        edges = open_triangles(nodes.positions, links.pairs[strong], filled)
+        joining = Links(links.pairs[near > 0], links.strength[near > 0])
+        return spanning_links(len(nodes), edges, joining, settings.joining)

@@ -1,0 +1,165 @@
+"""The final skeleton: points inserted, places optimised, back in input units."""
+
+from __future__ import annotations
+
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+from scipy.spatial import cKDTree
+
+from mdcs_pipeline.kernels.assignment import owners
+from mdcs_pipeline.kernels.energy import mean_distance
+from mdcs_pipeline.kernels.insertion import Refined, insert_points
+from mdcs_pipeline.kernels.optimise import Descent, Optimised, optimise
+from mdcs_pipeline.kernels.sinkhorn import Accuracy, Problem, solve_free
+from mdcs_pipeline.messages import MassCloud, PointCloud, RoughSkeleton, Skeleton, Thickness
+from mdcs_pipeline.stage import Settings, Stage
+
+
+class SmoothSettings(Settings):
+    """Settings of `Smooth`."""
+
+    smoothing: float = Field(
+        0.3, ge=0, lt=1, description="λ, weight of the Dirichlet term (Eq. 1, Table III)."
+    )
+    theta: float = Field(0.1, gt=0, le=1, description="θ, relaxation of the update (Table III).")
+    power: Literal[1, 2] = Field(2, description="p of the node update (Eq. 12).")
+    max_steps: int = Field(100, ge=0, le=10_000, description="Bound on updates of the nodes.")
+    settle: float = Field(
+        0.01, ge=0, description="The loop ends when a step lowers the objective by less, in ε."
+    )
+    narrowing: float = Field(
+        0.5,
+        gt=0,
+        le=1,
+        description="ε of the final plan, in that of the rough skeleton: nodes stand closer now.",
+    )
+    insert: bool = Field(True, description="Whether points are inserted into edges (Eq. 7).")
+    least_spacing: float = Field(
+        0.4,
+        gt=0,
+        description="Shortest spacing of inserted points, in median edges: one tiny edge would "
+        "otherwise cut all others to its size.",
+    )
+    tolerance: float = Field(
+        1e-3, gt=0, le=0.5, description="L1 error of the node marginal that ends the iteration."
+    )
+    cut: float = Field(
+        1e-5, gt=0, lt=1, description="Kernel entries below this share of a row's largest go."
+    )
+    assign: bool = Field(
+        False, description="Whether the result names the node of every input point."
+    )
+
+
+class Smoothed(NamedTuple):
+    """Output of `Smooth`."""
+
+    skeleton: Skeleton
+
+
+class Smooth(Stage[SmoothSettings]):
+    """Insert points and minimise Eq. 1 with its Dirichlet term (section IV.D)."""
+
+    Settings = SmoothSettings
+
+    def __call__(
+        self,
+        cloud: MassCloud,
+        rough: RoughSkeleton,
+        thickness: Thickness | None = None,
+        points: PointCloud | None = None,
+    ) -> Smoothed:
+        """Return the skeleton in input units.
+
+        `points` are those that `assign` names nodes for; without them, those of the cloud.
+        """
+        refined = self._refine(rough)
+        found = self._optimise(cloud, rough, thickness, refined)
+        solution, nodes = found.solution, found.problem.nodes
+        received = np.bincount(solution.plan.indices, solution.plan.data, minlength=len(nodes))
+        radius = mean_distance(solution.plan, cloud.positions, nodes) * cloud.unit.length
+        skeleton = Skeleton(
+            nodes=cloud.unit.from_unit(nodes),
+            edges=refined.edges,
+            mass=received / received.sum(),
+            radius=radius,
+            node_ids=_names(rough.nodes.ids, len(nodes)),
+            assignment=self._assignment(cloud, found, points),
+            header=cloud.header,
+            diagnostics={
+                "points": len(cloud),
+                "epsilon": rough.plan.epsilon,
+                "passes": solution.passes,
+                "marginal_error": solution.marginal_error,
+                "converged": bool(solution.converged and found.settled),
+                "rough_nodes": len(rough.nodes),
+                "checks": rough.nodes.rounds,
+            },
+        )
+        return Smoothed(skeleton)
+
+    def _refine(self, rough: RoughSkeleton) -> Refined:
+        nodes, edges = rough.nodes, rough.edges
+        values = np.stack([nodes.mass, nodes.scale, nodes.potentials], axis=1)
+        if not (self.settings.insert and len(edges)):
+            return Refined(nodes.positions, values, edges)
+        ends = nodes.positions[edges]
+        length = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
+        spacing = max(float(length.min()), self.settings.least_spacing * float(np.median(length)))
+        return insert_points(nodes.positions, values, edges, spacing)
+
+    def _optimise(
+        self,
+        cloud: MassCloud,
+        rough: RoughSkeleton,
+        thickness: Thickness | None,
+        refined: Refined,
+    ) -> Optimised:
+        settings = self.settings
+        count = len(refined.positions)
+        problem = Problem(
+            cloud.positions,
+            cloud.mass,
+            refined.positions,
+            np.full(count, 1.0 / count),
+            rough.plan.epsilon * settings.narrowing,
+            np.ones(len(cloud)) if thickness is None else thickness.radius,
+            np.ones(count) if thickness is None else refined.values[:, 1],
+        )
+        accuracy = Accuracy(settings.tolerance, settings.cut)
+        # Interpolated masses would be those of no plan: each node is given what reaches it.
+        level = solve_free(problem, np.zeros(count), accuracy)
+        received = np.bincount(level.plan.indices, level.plan.data, minlength=count)
+        floor = 1e-6 / count
+        target = np.maximum(received, floor)
+        problem = problem._replace(target=target / target.sum())
+        descent = Descent(
+            settings.power,
+            settings.theta,
+            settings.max_steps,
+            settings.settle,
+            False,
+            settings.smoothing,
+        )
+        return optimise(problem, level.node_potentials, accuracy, descent, refined.edges)
+
+    def _assignment(
+        self, cloud: MassCloud, found: Optimised, points: PointCloud | None
+    ) -> NDArray[np.int64] | None:
+        if not self.settings.assign:
+            return None
+        problem, places, scale = found.problem, cloud.positions, found.problem.point_scale
+        if points is not None:
+            places = cloud.unit.to_unit(points.positions)
+            scale = scale[cKDTree(cloud.positions).query(places)[1]]
+        potentials = found.solution.node_potentials
+        return owners(places, problem.nodes, potentials, scale, problem.node_scale)
+
+
+def _names(ids: NDArray[np.int64], count: int) -> NDArray[np.int64]:
+    """Return `ids` followed by unused ones for inserted points."""
+    first = int(ids.max(initial=-1)) + 1
+    return np.concatenate([ids, np.arange(first, first + count - len(ids))])

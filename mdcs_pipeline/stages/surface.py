@@ -1,0 +1,42 @@
+"""Neighbourhood on the shape."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from pydantic import Field
+
+from mdcs_pipeline.kernels.surface import surface_graph
+from mdcs_pipeline.messages import MassCloud, Surface
+from mdcs_pipeline.stage import Settings, Stage
+
+
+class SurfaceSettings(Settings):
+    """Settings of `SurfaceGraph`."""
+
+    neighbours: int = Field(
+        8, ge=3, le=60, description="Nearest points that each point is linked to."
+    )
+    averaging: int = Field(
+        10,
+        ge=0,
+        le=100,
+        description="Nearest points that each point is averaged with first; 0 for none.",
+    )
+
+
+class SurfaceOutput(NamedTuple):
+    """Output of `SurfaceGraph`."""
+
+    surface: Surface
+
+
+class SurfaceGraph(Stage[SurfaceSettings]):
+    """Link each point to its neighbours, after averaging some of the noise away."""
+
+    Settings = SurfaceSettings
+
+    def __call__(self, cloud: MassCloud) -> SurfaceOutput:
+        """Return the neighbour graph of the cloud, in its unit frame."""
+        found = surface_graph(cloud.positions, self.settings.neighbours, self.settings.averaging)
+        return SurfaceOutput(Surface(found.positions, found.graph))

@@ -1,0 +1,56 @@
+"""Local scale of the shape."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from pydantic import Field
+
+from mdcs_pipeline.kernels.thickness import local_radius
+from mdcs_pipeline.messages import MassCloud, Surface, Thickness
+from mdcs_pipeline.stage import Settings, Stage
+
+
+class ThicknessSettings(Settings):
+    """Settings of `LocalThickness`."""
+
+    landmarks: int = Field(
+        400, ge=8, le=100_000, description="Points at which patches are grown, spread evenly."
+    )
+    closed: float = Field(
+        0.06,
+        gt=0.051,
+        lt=0.25,
+        description="γ: a patch of geodesic radius s has closed when its middle variance is at "
+        "most γ s². A sheet has 0.25, a tube that just closes 0.05.",
+    )
+    slope: float = Field(
+        0.35, gt=0, le=2, description="Most that the radius grows per unit of geodesic distance."
+    )
+    seed: int = Field(0, ge=0, description="Chooses the first landmark.")
+
+
+class ThicknessOutput(NamedTuple):
+    """Output of `LocalThickness`."""
+
+    thickness: Thickness
+
+
+class LocalThickness(Stage[ThicknessSettings]):
+    """Measure half the local width of the shape at every point."""
+
+    Settings = ThicknessSettings
+
+    def __call__(self, cloud: MassCloud, surface: Surface) -> ThicknessOutput:
+        """Return r_j in unit lengths with its confidence."""
+        settings = self.settings
+        found = local_radius(
+            surface.positions,
+            cloud.mass,
+            surface.graph,
+            settings.landmarks,
+            settings.closed,
+            settings.slope,
+            settings.seed,
+        )
+        return ThicknessOutput(Thickness(found.radius, found.confidence))

@@ -1,0 +1,123 @@
+"""Optimal transport between the cloud and its nodes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Literal, NamedTuple
+
+import numpy as np
+from pydantic import Field
+
+from mdcs_pipeline.kernels.optimise import Descent, Optimised, optimise
+from mdcs_pipeline.kernels.sinkhorn import Accuracy, Problem
+from mdcs_pipeline.messages import MassCloud, Nodes, Thickness, TransportPlan
+from mdcs_pipeline.stage import Settings, Stage
+
+
+class TransportSettings(Settings):
+    """Settings of `Transport`."""
+
+    epsilon: float = Field(
+        0.001,
+        gt=0,
+        description="ε of Eq. 4 (Table III), in squared unit lengths; with a thickness it has no "
+        "unit and is in squares of the local radius.",
+    )
+    power: Literal[1, 2] = Field(
+        2, description="p of the node update: 1 draws to the median, 2 to the mean (Eq. 12)."
+    )
+    theta: float = Field(0.1, gt=0, le=1, description="θ, relaxation of the update (Table III).")
+    max_steps: int = Field(
+        30, ge=0, le=10_000, description="Bound on updates of the nodes; 0 only solves the plan."
+    )
+    settle: float = Field(
+        0.01, ge=0, description="Algorithm 2 ends when a step lowers the objective by less, in ε."
+    )
+    marginals: Literal["balanced", "free"] = Field(
+        "balanced",
+        description="balanced: each node receives its mass ρ_i (Eq. 2); free: it receives what "
+        "comes to it at its potential, and that becomes its mass.",
+    )
+    tolerance: float = Field(
+        1e-3, gt=0, le=0.5, description="L1 error of the node marginal that ends the iteration."
+    )
+    cut: float = Field(
+        1e-5, gt=0, lt=1, description="Kernel entries below this share of a row's largest go."
+    )
+    max_passes: int = Field(2000, ge=1, description="Bound on kernel passes a solve.")
+
+
+class TransportOutput(NamedTuple):
+    """Output of `Transport`."""
+
+    plan: TransportPlan
+
+
+class Transport(Stage[TransportSettings]):
+    """Move the nodes to where an entropic plan carries the cloud's mass (Algorithm 2)."""
+
+    Settings = TransportSettings
+
+    def __call__(
+        self, cloud: MassCloud, nodes: Nodes, thickness: Thickness | None = None
+    ) -> TransportOutput:
+        """Return the plan after Algorithm 2, with the nodes where it left them.
+
+        A thickness turns the cost into ‖x_i − y_j‖²/(r_i r_j). Potentials of the nodes that
+        are not all 0 warm-start the solve.
+        """
+        settings = self.settings
+        ones = np.ones(len(cloud))
+        problem = Problem(
+            cloud.positions,
+            cloud.mass,
+            nodes.positions,
+            nodes.mass,
+            settings.epsilon if nodes.epsilon is None else nodes.epsilon,
+            ones if thickness is None else thickness.radius,
+            nodes.scale if thickness is not None else np.ones(len(nodes)),
+        )
+        found = optimise(
+            problem,
+            nodes.potentials,
+            Accuracy(settings.tolerance, settings.cut, settings.max_passes),
+            Descent(
+                settings.power,
+                settings.theta,
+                settings.max_steps,
+                settings.settle,
+                settings.marginals == "free",
+            ),
+        )
+        return TransportOutput(as_plan(found, nodes, thickness, settings.marginals == "free"))
+
+
+def as_plan(
+    found: Optimised, nodes: Nodes, thickness: Thickness | None, free: bool
+) -> TransportPlan:
+    """Return the message for an optimised problem that started from `nodes`."""
+    solution, problem = found.solution, found.problem
+    received = np.bincount(solution.plan.indices, solution.plan.data, minlength=len(nodes))
+    scale = nodes.scale
+    if thickness is not None:
+        carried = solution.plan.T @ thickness.radius
+        scale = np.where(received > 0, carried / np.where(received > 0, received, 1.0), scale)
+    moved = replace(
+        nodes,
+        positions=problem.nodes,
+        mass=received / received.sum() if free else nodes.mass,
+        potentials=solution.node_potentials,
+        epsilon=problem.epsilon,
+        scale=scale,
+    )
+    return TransportPlan(
+        nodes=moved,
+        plan=solution.plan,
+        point_potentials=solution.point_potentials,
+        epsilon=problem.epsilon,
+        iterations=solution.passes,
+        marginal_error=solution.marginal_error,
+        converged=solution.converged,
+        warm=bool(np.any(nodes.potentials)),
+        energy=found.energy,
+    )
