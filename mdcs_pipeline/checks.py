@@ -173,10 +173,9 @@ def _check_input(stage: StageSpec, port: Port, count: int) -> None:
     back = stage.feedback.get(port.name, ())
     at = where(stage.place, stage.name, port.name)
     if not count and not port.optional:
-        only = f"; feedback from {back[0].origin} comes too late for the first round"
+        late = [f"; feedback from {item.origin} comes too late" for item in back[:1]]
         raise ConfigError(
-            f"the required input '{port.name}: {type_name(port)}' is not fed"
-            + (only if back else ""),
+            "".join([f"the required input '{port.name}: {type_name(port)}' is not fed", *late]),
             where=at,
             remedy=f"add '{port.name}: stage.port' under its inputs",
         )
@@ -259,7 +258,7 @@ def check_ends(
     """Something leaves the graph, and each stage and source has a part in it."""
     import networkx as nx
 
-    ends = {ref.stage for ref in spec.results.values()}
+    ends = {str(r) if r.stage == SOURCES else r.stage for r in spec.results.values()}
     ends |= {name for name, held in ports.items() if not held.outputs}
     if not ends:
         raise ConfigError(

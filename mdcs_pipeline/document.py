@@ -152,7 +152,8 @@ class _Reader:
     def _fault(self, error: yaml.YAMLError) -> ConfigError:
         mark = getattr(error, "problem_mark", None)
         line = 0 if mark is None else mark.line + 1
-        problem = getattr(error, "problem", None) or getattr(error, "reason", None) or str(error)
+        parts = [getattr(error, name, None) for name in ("context", "problem", "reason")]
+        problem = ", ".join(part for part in parts if part) or str(error)
         return ConfigError(f"not valid YAML: {problem}", where=str(Place(self.file, line)))
 
     def _branch(self, node: yaml.Node, depth: int) -> Branch:
@@ -200,16 +201,15 @@ class _Reader:
         return branches
 
     def _scalar(self, node: yaml.ScalarNode, place: Place) -> str | int | float | bool | None:
+        text = self._replaced(node.value, place)
         loader = _Loader("")
         try:
-            text = self._replaced(node.value, place)
             text.encode()
             if text != node.value and node.style is None:
                 return scalar_of(text)
             return _construct(loader, yaml.ScalarNode(node.tag, text))
-        except (ValueError, KeyError) as error:
-            if isinstance(error, ConfigError):
-                raise
+        except (ValueError, LookupError) as error:
+            # LookupError: PyYAML's own for '!!int' of nothing and '!!bool' of a word.
             raise ConfigError(
                 "a value that does not fit its type",
                 where=str(place),

@@ -249,8 +249,8 @@ def draw_graph(graph: Graph, path: str | Path) -> None:
         Arrow(
             number[e.origin],
             number[e.target],
-            # Broken, since the label of a lane is no longer than the lane.
-            edge_label(e).replace(", at", "\nat"),
+            # Broken, so that it is no longer than the line that it stands at.
+            edge_label(e).replace(" → ", " →\n").replace(", at", "\nat"),
             e.feedback,
         )
         for e in graph.edges

@@ -91,8 +91,10 @@ def validate_settings(stage: type[Stage[Any]], values: dict[str, Any]) -> Any:
                 received=first["input"],
                 remedy=suggestion(name, stage.Settings.model_fields),
             ) from error
+        # A rule over several settings is broken by none of them in particular.
+        subject = f"setting '{name}'" if name else f"settings of {stage.__name__}"
         raise ConfigError(
-            f"setting '{name}': {first['msg'].lower()}",
+            f"{subject}: {first['msg'].lower()}",
             received=first.get("input"),
             remedy=setting_help(stage, name),
         ) from error

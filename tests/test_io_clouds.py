@@ -140,7 +140,6 @@ def test_suffix_may_be_of_any_case(o3d, tmp_path, suffix):
     {
         "a.xyz": rows(WITH_NAN),
         "a.pts": "3\n" + rows(WITH_NAN),
-        "ascii.ply": ply("ascii", 3, rows(WITH_NAN)),
         "binary.ply": ply("binary_little_endian", 3, WITH_NAN.astype("<f8").tobytes()),
         "ascii.pcd": pcd("ascii", 3, rows(WITH_NAN)),
         "binary.pcd": pcd("binary", 3, WITH_NAN.tobytes()),
@@ -150,6 +149,17 @@ def test_suffix_may_be_of_any_case(o3d, tmp_path, suffix):
 def test_points_that_are_not_finite_are_kept(o3d, tmp_path, name, data):
     points = read_points(put(tmp_path / name, data))
     np.testing.assert_array_equal(points, WITH_NAN)
+
+
+def test_text_ply_keeps_nan_and_refuses_infinity(o3d, tmp_path):
+    """Open3D stops at an infinity in a text PLY and leaves unset memory.
+
+    That memory held the right numbers at times, so comparing what came back passed by luck.
+    """
+    points = np.where(np.isinf(WITH_NAN), np.nan, WITH_NAN)
+    path = put(tmp_path / "a.ply", ply("ascii", 3, rows(points)))
+    np.testing.assert_array_equal(read_points(path), points)
+    refused(put(path, ply("ascii", 3, rows(WITH_NAN))), "line 11", "infinity", "binary PLY")
 
 
 def test_pcd_of_doubles_is_not_zero(o3d, tmp_path):
@@ -203,12 +213,14 @@ def test_vertices_of_a_binary_mesh(o3d, tmp_path):
 
 
 def test_ply_with_float_coordinates_colours_and_lists_at_its_vertices(o3d, tmp_path):
-    names = ("float x", "float y", "float z", "uchar red", "list uchar int tags")
-    text = ply("ascii", 2, "1 2 3 255 2 7 7\n4 5 6 0 0\n", names)
+    colour = ("uchar red", "uchar green", "uchar blue")
+    names = ("float x", "float y", "float z", *colour, "list uchar int tags")
+    text = ply("ascii", 2, "1 2 3 255 8 9 2 7 7\n4 5 6 0 8 9 0\n", names)
     np.testing.assert_array_equal(
         read_points(put(tmp_path / "a.ply", text)), [[1, 2, 3], [4, 5, 6]]
     )
-    body = struct.pack("<3fBB2i", 1, 2, 3, 255, 2, 7, 7) + struct.pack("<3fBB", 4, 5, 6, 0, 0)
+    body = struct.pack("<3f4B2i", 1, 2, 3, 255, 8, 9, 2, 7, 7)
+    body += struct.pack("<3f4B", 4, 5, 6, 0, 8, 9, 0)
     binary = ply("binary_little_endian", 2, body, names)
     np.testing.assert_array_equal(
         read_points(put(tmp_path / "b.ply", binary)), [[1, 2, 3], [4, 5, 6]]
@@ -244,24 +256,32 @@ def test_npz_finds_the_points(tmp_path, held):
 
 
 @settings(
-    max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 @given(
     points=arrays(
         np.float64, st.tuples(st.integers(1, 9), st.just(3)), elements=st.floats(width=64)
     ),
-    name=st.sampled_from(["a.npy", "b.ply", "c.pcd", "d.xyz"]),
+    name=st.sampled_from(["a.npy", "b.ply", "c.pcd", "d.xyz", "e.pts", "f.ply", "g.pcd"]),
 )
 def test_any_doubles_survive(o3d, tmp_path, points, name):
     path = tmp_path / name
+    if name == "f.ply":
+        points = np.nan_to_num(points, nan=np.nan)  # no infinity: see the test of text PLY
     if name == "a.npy":
         np.save(path, points)
     elif name == "b.ply":
         put(path, ply("binary_little_endian", len(points), points.astype("<f8").tobytes()))
     elif name == "c.pcd":
         put(path, pcd("binary", len(points), points.tobytes()))
-    else:
+    elif name == "d.xyz":
         put(path, rows(points))
+    elif name == "e.pts":
+        put(path, f"{len(points)}\n" + rows(points))
+    elif name == "f.ply":
+        put(path, ply("ascii", len(points), rows(points)))
+    else:
+        put(path, pcd("ascii", len(points), rows(points)))
     np.testing.assert_array_equal(read_points(path), points)
 
 
@@ -287,6 +307,7 @@ BAD_TEXT = {
     "huge.pts": ("9" * 5000 + "\n" + XYZ, "line 1"),
     "short.pts": ("4\n" + XYZ, "declares 4 points", "ends after 3", "cut off"),
     "long.pts": ("2\n" + XYZ, "line 4", "declares 2 points", "more rows follow"),
+    "mac.xyz": ("1 2 3\r4 5 6\r", "line 1", "carriage return"),
     "hole.pts": ("3\n1 2 3\n\n4 5 6\n", "line 3", "0 columns"),
     "word.pts": ("2\n1 2 3\nx 5 6\n", "line 3", "column 1"),
     "five.pts": ("1\n1 2 3 4 5\n", "rows of 5 columns"),
@@ -332,6 +353,12 @@ BAD_PLY = {
     "empty.ply": (b"ply\nformat ascii 1.0\nend_header\n", "one element 'vertex'", "no element"),
     "edges.ply": (b"ply\nformat ascii 1.0\nelement edge 0\nend_header\n", "vertex", "edge"),
 }
+for _part in ("nx", "ny", "green", "blue"):
+    BAD_PLY[f"{_part}.ply"] = (
+        ply("ascii", 3, rows(POINTS, " 1"), ["double x", "double y", "double z", f"float {_part}"]),
+        "some of",
+        "all three of them, or none",
+    )
 BAD_PCD = {
     "lies.pcd": (XYZ, "no line of a PCD header"),
     "short.pcd": (pcd("ascii", 5, XYZ), "declares 5 points", "ends after 3"),
@@ -497,6 +524,33 @@ def test_count_that_comes_back_is_checked(tmp_path, monkeypatch, name):
     path = put(tmp_path / name, GOOD[name])
     monkeypatch.setitem(sys.modules, "open3d", fake_open3d(POINTS[:2]))
     refused(path, "declares 3 points, Open3D read 2")
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["2\n1 2 3 \n4 5 6 \n", "2\n1 2 3 7 .5 0 0\n4 5 6 7 1 0 0\n", "2\n1\t2\t3\n4\t5\t6\n"],
+)
+def test_points_that_open3d_misreads_are_refused(o3d, tmp_path, text):
+    """Such PTS rows come back as unset memory, in the right number.
+
+    Counting what comes back, as the other tests do, does not see it.
+    """
+    path = put(tmp_path / "a.pts", text)
+    try:
+        points = read_points(path)
+    except InputError as error:
+        assert "Open3D" in str(error)
+    else:  # a later Open3D may read them
+        np.testing.assert_array_equal(points, [[1, 2, 3], [4, 5, 6]])
+
+
+@pytest.mark.parametrize("name", ["plain.xyz", "plain.pts", "ascii.ply", "ascii.pcd"])
+@pytest.mark.parametrize("wrong", [6.9e-310, math.nan, 3.0001])
+def test_every_coordinate_of_a_text_file_is_compared(tmp_path, monkeypatch, name, wrong):
+    points = POINTS.copy()
+    points[1, 2] = wrong
+    monkeypatch.setitem(sys.modules, "open3d", fake_open3d(points))
+    refused(put(tmp_path / name, GOOD[name]), "misread 1 of 3 points", "point 2", "single spaces")
 
 
 def test_open3d_that_gives_nothing_or_fails(tmp_path, monkeypatch):

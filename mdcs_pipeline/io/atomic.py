@@ -22,12 +22,11 @@ def write_atomically(path: Path, data: bytes) -> None:
         If the folder or the disk refuses; no temporary file is left.
     """
     target = Path(os.path.realpath(path))
-    # Same folder: only within one file system is the replacement a single step. Created by
-    # os.open and not by tempfile, so that the user's umask gives the file its mode.
+    # Same folder: only within one file system is the replacement a single step. Not made by
+    # tempfile, so that the user's umask gives the file its mode.
     temporary = target.with_name(f".mdcs-{secrets.token_hex(8)}.tmp")
     try:
-        descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
-        with os.fdopen(descriptor, "wb") as stream:
+        with temporary.open("xb") as stream:
             stream.write(data)
             stream.flush()
             os.fsync(stream.fileno())

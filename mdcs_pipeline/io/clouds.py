@@ -19,18 +19,18 @@ import numpy as np
 from mdcs_pipeline.arrays import FloatArray, points_array
 from mdcs_pipeline.errors import InputError, nearest_name, suggestion
 from mdcs_pipeline.io.open3d_bridge import import_open3d
-from mdcs_pipeline.io.pcd_files import count_pcd
-from mdcs_pipeline.io.ply_files import count_ply
-from mdcs_pipeline.io.rows import count_pts, count_xyz
+from mdcs_pipeline.io.pcd_files import check_pcd
+from mdcs_pipeline.io.ply_files import check_ply
+from mdcs_pipeline.io.rows import Checked, check_pts, check_xyz
 
-_COUNTED: dict[str, Callable[[Path], int]] = {
-    ".ply": count_ply,
-    ".pcd": count_pcd,
-    ".xyz": lambda path: count_xyz(path, 3),
-    ".xyzn": lambda path: count_xyz(path, 6),
-    ".pts": count_pts,
+_CHECKS: dict[str, Callable[[Path], Checked]] = {
+    ".ply": check_ply,
+    ".pcd": check_pcd,
+    ".xyz": lambda path: check_xyz(path, 3),
+    ".xyzn": lambda path: check_xyz(path, 6),
+    ".pts": check_pts,
 }
-CLOUD_SUFFIXES = (*_COUNTED, ".npy", ".npz")
+CLOUD_SUFFIXES = (*_CHECKS, ".npy", ".npz")
 
 # How files begin, where the beginning tells. What has no suffix of ours is named in words.
 _MAGIC = {
@@ -82,21 +82,42 @@ def read_points(path: str | Path) -> FloatArray:
         )
     _check_contents(path, suffix)
     try:
-        count = _COUNTED[suffix](path) if suffix in _COUNTED else None
-        if count == 0:
+        checked = _CHECKS[suffix](path) if suffix in _CHECKS else None
+        if checked is not None and not checked.points:
             raise _empty(path)
-        points = _read_numpy(path) if count is None else _read_open3d(path, suffix)
+        points = _read_numpy(path) if checked is None else _read_open3d(path, suffix)
     except OSError as error:
         raise _unreadable(path, error) from error
-    if count is not None and len(points) != count:
-        raise InputError(
-            f"the file declares {count} points, Open3D read {len(points)}",
-            where=str(path),
-            remedy="the file is damaged, or of a variant that Open3D does not know",
-        )
+    if checked is not None:
+        _compare(path, points, checked)
     if len(points) == 0:
         raise _empty(path)
     return points
+
+
+def _compare(path: Path, points: FloatArray, checked: Checked) -> None:
+    """Refuse what Open3D read if the file holds other points."""
+    if len(points) != checked.points:
+        raise InputError(
+            f"the file declares {checked.points} points, Open3D read {len(points)}",
+            where=str(path),
+            remedy="the file is of a variant that Open3D does not know: export it again",
+        )
+    if checked.coordinates is None:
+        return
+    # As loose as float32, which some columns are declared to be; what this is about is
+    # unset memory, as in rows of PTS that end in a space (Open3D 0.20).
+    same = np.isclose(points, checked.coordinates, rtol=1e-6, atol=1e-37, equal_nan=True)
+    if not same.all():
+        row = int(np.argmin(same.all(axis=1)))
+        raise InputError(
+            f"Open3D misread {np.count_nonzero(~same.all(axis=1))} of {len(points)} points",
+            where=str(path),
+            received=f"point {row + 1}: {points[row].tolist()}, the file says "
+            f"{checked.coordinates[row].tolist()}",
+            remedy="write the rows with single spaces, none at the end and no tabs, "
+            "and coordinates that fit their declared type",
+        )
 
 
 def _empty(path: Path) -> InputError:

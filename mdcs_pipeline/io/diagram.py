@@ -160,7 +160,7 @@ def _lanes(arrows: Sequence[Arrow], places: Sequence[tuple[float, float]]) -> li
         free = (n for n, held in enumerate(taken) if all(high <= a or b <= low for a, b in held))
         number = next(free, len(taken))
         # A label of several lines takes as many lanes, so that the next one clears it.
-        wide = number + 1 + arrow.label.count("\n") // 2
+        wide = number + 1 + arrow.label.count("\n") // 3
         taken.extend([] for _ in range(wide - len(taken)))
         for held in taken[number:wide]:
             held.append((low, high))

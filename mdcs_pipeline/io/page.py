@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -71,11 +72,20 @@ def html_bytes(skeleton: Skeleton, cloud: FloatArray | None = None) -> bytes:
         plot.snapshot_type = "full"
         page: str = plot.get_snapshot()
     finally:
-        # Widgets live in a registry of the process until they are closed.
-        for part in parts:
-            part.close()
-        plot.close()
+        for widget in (*parts, plot):
+            _forget(widget)
     return page.encode("utf-8")
+
+
+def _forget(widget: Any) -> None:
+    """Take a widget and its layout out of the process's registry, where they would stay.
+
+    The plot's own `close` does something else, so the one of the base class is called.
+    """
+    close = import_module("ipywidgets").Widget.close
+    for item in (getattr(widget, "layout", None), widget):
+        if item is not None:
+            close(item)
 
 
 def page_offset(scene: Scene) -> NDArray[np.float64]:

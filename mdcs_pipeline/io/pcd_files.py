@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
 from mdcs_pipeline.errors import InputError
-from mdcs_pipeline.io.rows import check_table, is_count, quote
+from mdcs_pipeline.io.rows import Checked, check_table, is_count, quote
 
 _KEYS = frozenset(
     ("VERSION", "FIELDS", "SIZE", "TYPE", "COUNT", "WIDTH", "HEIGHT", "VIEWPOINT", "POINTS", "DATA")
@@ -43,8 +43,8 @@ class PcdHeader(NamedTuple):
         return x, y, z
 
 
-def count_pcd(path: Path) -> int:
-    """Return the number of points of a PCD file whose contents fit its header.
+def check_pcd(path: Path) -> Checked:
+    """Return the points of a PCD file whose contents fit its header.
 
     Raises
     ------
@@ -55,12 +55,12 @@ def count_pcd(path: Path) -> int:
     with path.open("rb") as stream:
         header = _read_header(path, stream)
         if header.data == "ascii":
-            check_table(path, stream, header.lines, header.points, header.columns())
-        elif header.data == "binary":
+            return check_table(path, stream, header.lines, header.points, header.columns())[1]
+        if header.data == "binary":
             _check_binary(path, stream, header)
         else:
             _check_compressed(path, stream, header)
-    return header.points
+    return Checked(header.points)
 
 
 def _damaged(path: Path, what: str, received: object = None) -> InputError:

@@ -6,13 +6,18 @@ where the file ends early. Format: G. Turk, The PLY Polygon File Format, 1994.
 
 from __future__ import annotations
 
+import math
 import mmap
 import struct
+from array import array
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from mdcs_pipeline.errors import InputError
-from mdcs_pipeline.io.rows import bad_line, check_end, check_row, is_count, quote
+from mdcs_pipeline.io.rows import Checked, bad_line, check_end, check_row, is_count, quote
 
 _TYPES = {
     **dict.fromkeys(("char", "int8"), "b"),
@@ -25,6 +30,8 @@ _TYPES = {
     **dict.fromkeys(("double", "float64"), "d"),
 }
 _FORMATS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+# With a part of these, Open3D stops inside the file and gives unset memory for the rest.
+_TOGETHER = (("nx", "ny", "nz"), ("red", "green", "blue"))
 
 
 class Property(NamedTuple):
@@ -56,8 +63,8 @@ class PlyHeader(NamedTuple):
     lines: int
 
 
-def count_ply(path: Path) -> int:
-    """Return the number of vertices of a PLY file whose contents fit its header.
+def check_ply(path: Path) -> Checked:
+    """Return the vertices of a PLY file whose contents fit its header.
 
     Raises
     ------
@@ -68,11 +75,10 @@ def count_ply(path: Path) -> int:
     with path.open("rb") as stream:
         header = _read_header(path, stream)
         vertex = _vertices(path, header)
-        if header.order:
-            _check_binary(path, stream, header)
-        else:
-            _check_text(path, stream, header)
-    return vertex.rows
+        if not header.order:
+            return Checked(vertex.rows, _check_text(path, stream, header))
+        _check_binary(path, stream, header)
+    return Checked(vertex.rows)
 
 
 def _read_header(path: Path, stream: BinaryIO) -> PlyHeader:
@@ -126,6 +132,16 @@ def _vertices(path: Path, header: PlyHeader) -> Element:
             received=" ".join(single),
             remedy="a cloud has three coordinates a point",
         )
+    for group in _TOGETHER:
+        if sum(item.name in group for item in found[0].properties) > 0 and not (
+            all(single.count(name) == 1 for name in group)
+        ):
+            raise InputError(
+                f"the vertices have some of {', '.join(group)}, but not each of them once",
+                where=str(path),
+                received=" ".join(item.name for item in found[0].properties),
+                remedy="export all three of them, or none",
+            )
     return found[0]
 
 
@@ -147,10 +163,14 @@ def _columns(element: Element) -> list[int]:
     return columns
 
 
-def _check_text(path: Path, stream: BinaryIO, header: PlyHeader) -> None:
+def _check_text(path: Path, stream: BinaryIO, header: PlyHeader) -> NDArray[np.float64] | None:
+    """Check every row; return the vertices, or None if a list stands before x, y or z."""
     number = header.lines
+    found: array[float] = array("d")
     for element in header.elements:
         columns = _columns(element)
+        names = [item.name for item in element.properties]
+        places = [names.index(name) for name in "xyz"] if element.name == "vertex" else []
         for row in range(element.rows if columns else 0):
             line = b"\n"
             while line and not line.strip():
@@ -158,11 +178,18 @@ def _check_text(path: Path, stream: BinaryIO, header: PlyHeader) -> None:
                 number += 1
             if not line:
                 raise _ends_early(path, element, row)
-            fields = check_row(path, number, line, columns)
+            fields, values = check_row(path, number, line, columns)
             if not element.has_lists and fields != len(columns):
                 what = f"{fields} columns where the header declares {len(columns)}"
                 raise bad_line(path, number, what, line)
+            if any(map(math.isinf, values)):
+                # Open3D stops there and leaves the rest of the points unset.
+                what = "infinity, which Open3D does not read from a text PLY"
+                raise bad_line(path, number, what, line, "write nan, or a binary PLY")
+            found.extend(values[place] for place in places if place < len(values))
     check_end(path, stream, number, sum(element.rows for element in header.elements))
+    (rows,) = (element.rows for element in header.elements if element.name == "vertex")
+    return np.array(found).reshape(-1, 3) if len(found) == 3 * rows else None
 
 
 def _check_binary(path: Path, stream: BinaryIO, header: PlyHeader) -> None:

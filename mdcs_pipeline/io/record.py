@@ -147,7 +147,10 @@ def _read_json(path: Path) -> dict[str, Any]:
 
 def _read_npz(path: Path) -> dict[str, Any]:
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        loaded = np.load(path, allow_pickle=False)
+        if isinstance(loaded, np.ndarray):
+            raise ValueError("one bare array, as of an .npy file")
+        with loaded as archive:
             content: dict[str, Any] = {name: archive[name] for name in archive.files}
         for name in ("format", "format_version", "mdcs_pipeline"):
             if name in content:

@@ -6,14 +6,33 @@ so every row is looked at before Open3D is given the file.
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Sequence
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from mdcs_pipeline.errors import InputError
 
 # Column counts of PTS that Open3D knows: x y z, then intensity, then red green blue.
 PTS_COLUMNS = (3, 4, 6, 7)
+
+
+class Checked(NamedTuple):
+    """What a file holds by its own account.
+
+    Parameters
+    ----------
+    points : int
+        How many.
+    coordinates : (points, 3) float64, optional
+        As the rows of a text file give them; None for binary files.
+    """
+
+    points: int
+    coordinates: NDArray[np.float64] | None = None
 
 
 def quote(line: bytes) -> str:
@@ -35,19 +54,10 @@ def is_count(word: str) -> bool:
     return word.isdecimal() and word.isascii() and len(word) < 19
 
 
-def _is_number(field: bytes) -> bool:
-    # Python reads 1_000 as a number, no writer of clouds does.
-    if b"_" in field:
-        return False
-    try:
-        float(field)
-    except ValueError:
-        return False
-    return True
-
-
-def check_row(path: Path, number: int, line: bytes, columns: Sequence[int]) -> int:
-    """Return the number of fields of a row whose `columns` all hold numbers.
+def check_row(
+    path: Path, number: int, line: bytes, columns: Sequence[int]
+) -> tuple[int, list[float]]:
+    """Return how many fields a row has, and the numbers in `columns` of it.
 
     Parameters
     ----------
@@ -65,6 +75,9 @@ def check_row(path: Path, number: int, line: bytes, columns: Sequence[int]) -> i
         If a column is missing or holds no number.
     """
     fields = line.split()
+    if b"\r" in line.rstrip(b"\r\n"):
+        what = "a carriage return within a line"
+        raise bad_line(path, number, what, line, "end the lines by newlines")
     if len(fields) <= max(columns):
         separated = b"," in line or b";" in line
         raise bad_line(
@@ -76,20 +89,25 @@ def check_row(path: Path, number: int, line: bytes, columns: Sequence[int]) -> i
             if separated
             else "every row needs x, y and z; the row is cut off, or the cloud has no z",
         )
+    values = []
     for column in columns:
-        if not _is_number(fields[column]):
+        field = fields[column]
+        try:
+            # Python takes 1_000 for a number, no writer of clouds does.
+            values.append(float(field.replace(b"_", b"?")))
+        except ValueError as error:
             raise bad_line(
                 path,
                 number,
                 f"column {column + 1} is not a number",
                 line,
                 "mend or remove the row; a heading must start with #",
-            )
-    return len(fields)
+            ) from error
+    return len(fields), values
 
 
-def count_xyz(path: Path, needed: int) -> int:
-    """Return the number of points of an XYZ or XYZN file, with every row checked.
+def check_xyz(path: Path, needed: int) -> Checked:
+    """Return what is in the rows of an XYZ or XYZN file.
 
     Empty rows and rows that start with ``#`` are skipped, as Open3D does.
 
@@ -99,24 +117,29 @@ def count_xyz(path: Path, needed: int) -> int:
     needed : int
         Columns that must be numbers: 3, or 6 with normals.
     """
-    count = 0
+    found = array("d")
     width = 0
     with path.open("rb") as stream:
         for number, line in enumerate(stream, 1):
             text = line.strip()
             if not text or text.startswith(b"#"):
                 continue
-            fields = check_row(path, number, line, range(needed))
-            if count and fields != width:
+            fields, values = check_row(path, number, line, range(needed))
+            if found and fields != width:
                 what = f"{fields} columns after rows of {width}"
                 raise bad_line(path, number, what, line, "is the file cut off or two joined?")
             width = fields
-            count += 1
-    return count
+            found.extend(values[:3])
+    return _checked(found)
 
 
-def count_pts(path: Path) -> int:
-    """Return the number of points of a PTS file, with every row checked.
+def _checked(found: array[float]) -> Checked:
+    coordinates = np.array(found).reshape(-1, 3)
+    return Checked(len(coordinates), coordinates)
+
+
+def check_pts(path: Path) -> Checked:
+    """Return what is in the rows of a PTS file.
 
     The first line names the count; Open3D believes it, whatever follows.
     """
@@ -131,20 +154,20 @@ def count_pts(path: Path) -> int:
                 "put the count on a line of its own in front, or name the file .xyz",
             )
         declared = int(first)
-        width = check_table(path, stream, 1, declared, range(3))
+        width, checked = check_table(path, stream, 1, declared, range(3))
     if declared and width not in PTS_COLUMNS:
         raise InputError(
             f"rows of {width} columns",
             where=str(path),
             remedy="PTS has x y z, then optionally intensity, then optionally r g b",
         )
-    return declared
+    return checked
 
 
 def check_table(
     path: Path, stream: BinaryIO, number: int, declared: int, columns: Sequence[int]
-) -> int:
-    """Check that exactly `declared` rows of equal width follow; return that width.
+) -> tuple[int, Checked]:
+    """Check that exactly `declared` rows of equal width follow; return width and rows.
 
     Parameters
     ----------
@@ -156,9 +179,10 @@ def check_table(
     declared : int
         Rows that the header promises.
     columns : sequence of int
-        Columns that must hold a number.
+        Columns of x, y and z.
     """
     width = 0
+    found = array("d")
     for row in range(declared):
         number += 1
         line = stream.readline()
@@ -168,12 +192,13 @@ def check_table(
                 where=str(path),
                 remedy="the file is cut off: copy or export it again",
             )
-        fields = check_row(path, number, line, columns)
+        fields, values = check_row(path, number, line, columns)
         if row and fields != width:
             raise bad_line(path, number, f"{fields} columns after rows of {width}", line)
         width = fields
+        found.extend(values)
     check_end(path, stream, number, declared)
-    return width
+    return width, _checked(found)
 
 
 def check_end(path: Path, stream: BinaryIO, number: int, declared: int) -> None:

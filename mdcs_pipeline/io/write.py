@@ -71,8 +71,8 @@ def write_skeleton(
             where=str(path),
             remedy="known suffixes: " + ", ".join(SKELETON_SUFFIXES),
         )
-    _check_place(path)
     try:
+        _check_place(path)
         write_atomically(path, encode(skeleton, cloud, settings))
     except OutputError as error:
         raise error.located(str(path)) from error
@@ -86,15 +86,11 @@ def _check_place(path: Path) -> None:
     """Refuse a place that cannot be written to before any work is done for it."""
     if path.is_dir():
         raise OutputError(
-            "a folder is in the file's place", where=str(path), remedy="give a name in the folder"
+            "a folder is in the file's place", remedy="give the name of a file in the folder"
         )
     if not path.parent.is_dir():
-        raise OutputError(
-            f"there is no folder {path.parent}", where=str(path), remedy="make the folder first"
-        )
+        raise OutputError(f"there is no folder {path.parent}", remedy="make the folder first")
     if not os.access(path.parent, os.W_OK):
         raise OutputError(
-            "no permission to write into the folder",
-            where=str(path),
-            remedy="choose another folder, or chmod u+w",
+            "no permission to write into the folder", remedy="choose another, or chmod u+w"
         )

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from mdcs_pipeline.kernels.sinkhorn import Problem
+from mdcs_pipeline.kernels.sinkhorn import Solution
 
 FloatArray = NDArray[np.float64]
 
@@ -17,13 +17,16 @@ def distances(plan: sparse.csr_array, points: FloatArray, nodes: FloatArray) -> 
     return np.asarray(np.linalg.norm(points[rows] - nodes[plan.indices], axis=1), dtype=np.float64)
 
 
-def transport_energy(plan: sparse.csr_array, problem: Problem) -> float:
-    """Return Σ π_ij c_ij − ε H(Π), H = −Σ π ln π (Eq. 4 and 9), for the problem's nodes."""
-    rows = np.repeat(np.arange(plan.shape[0]), np.diff(plan.indptr))
-    scale = problem.point_scale[rows] * problem.node_scale[plan.indices]
-    cost = float(plan.data @ (distances(plan, problem.points, problem.nodes) ** 2 / scale))
-    data = plan.data[plan.data > 0]
-    return cost + problem.epsilon * float(data @ np.log(data))
+def transport_energy(solution: Solution) -> float:
+    """Return Σ π_ij c_ij − ε H(Π), H = −Σ π ln π (Eq. 4 and 9).
+
+    For a plan of the form exp((f + g − c)/ε), each entry has ε ln π + c = f + g, so that the
+    sum is that of the potentials over the plan's own marginals.
+    """
+    plan = solution.plan
+    received = np.bincount(plan.indices, plan.data, minlength=plan.shape[1])
+    sent = np.add.reduceat(plan.data, plan.indptr[:-1])
+    return float(received @ solution.node_potentials + sent @ solution.point_potentials)
 
 
 def bending_energy(smoothing: sparse.csr_array, nodes: FloatArray) -> float:

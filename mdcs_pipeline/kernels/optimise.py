@@ -111,7 +111,7 @@ def optimise(
 def _objective(
     solution: Solution, problem: Problem, smoothing: sparse.csr_array | None, weight: float
 ) -> float:
-    transport = transport_energy(solution.plan, problem)
+    transport = transport_energy(solution)
     if smoothing is None:
         return transport
     return (1.0 - weight) * transport + weight * bending_energy(smoothing, problem.nodes)

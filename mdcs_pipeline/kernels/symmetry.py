@@ -6,6 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from mdcs_pipeline.kernels.cycles import on_cycles
+
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
@@ -48,19 +50,6 @@ def asymmetry(
     return np.asarray(imbalance / np.where(total > 0, total, 1.0), dtype=np.float64)
 
 
-def cycle_nodes(count: int, pairs: IntArray) -> BoolArray:
-    """Return the nodes that lie on a cycle of the graph."""
-    import networkx as nx
-
-    graph: nx.Graph[int] = nx.Graph()
-    graph.add_edges_from(pairs.tolist())
-    on_cycle = np.zeros(count, dtype=bool)
-    for block in nx.biconnected_components(graph):
-        if len(block) > 2:
-            on_cycle[list(block)] = True
-    return on_cycle
-
-
 def false_cycle_nodes(count: int, pairs: IntArray, candidates: BoolArray) -> BoolArray:
     """Return the nodes on cycles of the subgraphs that grow from candidates (section IV.C).
 
@@ -79,4 +68,4 @@ def false_cycle_nodes(count: int, pairs: IntArray, candidates: BoolArray) -> Boo
     (m,) bool
     """
     walked = candidates[pairs].any(axis=1) if len(pairs) else np.zeros(0, dtype=bool)
-    return cycle_nodes(count, pairs[walked])
+    return on_cycles(count, pairs[walked])

@@ -54,17 +54,17 @@ def pull(
     -------
     Pull
     """
-    rows = np.repeat(np.arange(plan.shape[0]), np.diff(plan.indptr))
-    scale = scales[0][rows] * scales[1][plan.indices]
-    data = plan.data / scale
     if power == 1:
+        rows = np.repeat(np.arange(plan.shape[0]), np.diff(plan.indptr))
         distance = np.linalg.norm(points[rows] - nodes[plan.indices], axis=1)
         # A node on top of a point would be held there by an infinite weight.
         floor = 1e-6 * max(float(distance.max(initial=0.0)), np.finfo(float).tiny)
-        data = 0.5 * plan.data / (np.maximum(distance, floor) * np.sqrt(scale))
-    weights = sparse.csr_array((data, plan.indices, plan.indptr), shape=plan.shape)
-    transposed = weights.T.tocsr()
-    return Pull(np.asarray(transposed.sum(axis=1)).ravel(), transposed @ points)
+        data = 0.5 * plan.data / np.maximum(distance, floor)
+        plan = sparse.csr_array((data, plan.indices, plan.indptr), shape=plan.shape)
+        scales = np.sqrt(scales[0]), np.sqrt(scales[1])
+    carried = np.concatenate([np.ones((len(points), 1)), points], axis=1) / scales[0][:, None]
+    sums = (plan.T @ carried) / scales[1][:, None]
+    return Pull(sums[:, 0], sums[:, 1:])
 
 
 def bending(edges: NDArray[np.int64], count: int) -> sparse.csr_array:

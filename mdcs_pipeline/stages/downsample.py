@@ -18,11 +18,11 @@ class DownsampleSettings(Settings):
     """Settings of `Downsample`."""
 
     voxel: float = Field(
-        0.0105,
+        0.008,
         gt=0,
         le=0.5,
-        description="Edge of a voxel in unit lengths (about the diagonal of the cloud); the "
-        "default is a third of √ε, so that a point stands for no more than the kernel sees.",
+        description="Edge of a voxel in unit lengths (about the diagonal of the cloud); a "
+        "quarter of √ε by default, so that a point stands for less than the kernel sees.",
     )
     voxel_size: float | None = Field(
         None, gt=0, description="Edge of a voxel in input units; replaces `voxel` when given."

@@ -32,7 +32,7 @@ class LinkSettings(Settings):
         0.1, ge=0, lt=1, description="Least co-transported mass, relative to the smaller node's."
     )
     contact: float = Field(
-        0.08,
+        0.15,
         ge=0,
         le=1,
         description="Least contact of two nodes' points on the surface, relative to the smaller "

@@ -11,16 +11,9 @@ from pydantic import Field
 from mdcs_pipeline.arrays import BoolArray, IntArray
 from mdcs_pipeline.kernels.compiled.shares import top_shares
 from mdcs_pipeline.kernels.labels import LineRule, line_like, skeletal_nodes
-from mdcs_pipeline.kernels.links import (
-    Links,
-    co_transport,
-    named_pairs,
-    shared_mass,
-    unique_pairs,
-    widened,
-)
+from mdcs_pipeline.kernels.links import Links, named_pairs, shared_mass, unique_pairs
 from mdcs_pipeline.kernels.merging import close_pairs, inherited, merge, merging_pairs
-from mdcs_pipeline.messages import MassCloud, Nodes, TransportPlan
+from mdcs_pipeline.messages import Nodes, TransportPlan
 from mdcs_pipeline.stage import Settings, Stage
 
 
@@ -67,10 +60,10 @@ class Merge(Stage[MergeSettings]):
 
     Settings = MergeSettings
 
-    def __call__(self, cloud: MassCloud, plan: TransportPlan) -> Merging:
+    def __call__(self, plan: TransportPlan) -> Merging:
         """Return the merged nodes, if any merged, and the plan with labels and connections."""
         if self.settings.rule == "spacing":
-            return self._by_spacing(cloud, plan)
+            return self._by_spacing(plan)
         return self._by_lines(plan)
 
     def _by_lines(self, plan: TransportPlan) -> Merging:
@@ -86,15 +79,11 @@ class Merge(Stage[MergeSettings]):
         pairs = merging_pairs(nodes.positions, nodes.mass, labelled.settled, links)
         return _outcome(plan, labelled, pairs)
 
-    def _by_spacing(self, cloud: MassCloud, plan: TransportPlan) -> Merging:
+    def _by_spacing(self, plan: TransportPlan) -> Merging:
         nodes = plan.nodes
         pairs = close_pairs(nodes.positions, nodes.scale, self.settings.spacing)
-        if nodes.rounds and not len(pairs):
-            # A check has sent nodes back: those it doubts merge along their strongest links.
-            links = co_transport(widened(plan.plan, cloud.mass, 2.0), cloud.mass, 1e-3)
-            strong = links.pairs[links.strength > self.settings.least_share]
-            pairs = merging_pairs(nodes.positions, nodes.mass, nodes.settled, strong)
-        settled = np.ones(len(nodes), dtype=bool) if not len(pairs) else nodes.settled
+        settled = np.ones(len(nodes), dtype=bool)
+        settled[pairs.ravel()] = False
         return _outcome(plan, replace(nodes, settled=settled), pairs)
 
 
@@ -115,13 +104,10 @@ def _outcome(plan: TransportPlan, labelled: Nodes, pairs: IntArray) -> Merging:
 
 
 def merged_nodes(nodes: Nodes, pairs: IntArray) -> Nodes:
-    """Return the nodes after merging disjoint pairs: mass and scale are carried over.
-
-    What has merged is not settled, except after a check, whose verdict it has then met.
-    """
+    """Return the nodes after merging disjoint pairs: mass and scale are carried over."""
     merged = merge(nodes.positions, nodes.mass, pairs)
     settled: BoolArray = nodes.settled.copy()
-    settled[pairs.ravel()] = nodes.rounds > 0
+    settled[pairs.ravel()] = False
     scale = nodes.scale.copy()
     scale[pairs[:, 0]] = nodes.scale[pairs].mean(axis=1)
     return Nodes(

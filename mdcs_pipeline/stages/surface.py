@@ -18,10 +18,11 @@ class SurfaceSettings(Settings):
         8, ge=3, le=60, description="Nearest points that each point is linked to."
     )
     averaging: int = Field(
-        10,
+        0,
         ge=0,
         le=100,
-        description="Nearest points that each point is averaged with first; 0 for none.",
+        description="Nearest points that each point is averaged with first; 0 for none, which "
+        "keeps close limbs apart.",
     )
 
 

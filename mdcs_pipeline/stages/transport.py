@@ -48,9 +48,10 @@ class TransportSettings(Settings):
 
 
 class TransportOutput(NamedTuple):
-    """Output of `Transport`."""
+    """Outputs of `Transport`: the plan, and the thickness that it was made with."""
 
     plan: TransportPlan
+    thickness: Thickness | None
 
 
 class Transport(Stage[TransportSettings]):
@@ -89,7 +90,8 @@ class Transport(Stage[TransportSettings]):
                 settings.marginals == "free",
             ),
         )
-        return TransportOutput(as_plan(found, nodes, thickness, settings.marginals == "free"))
+        plan = as_plan(found, nodes, thickness, settings.marginals == "free")
+        return TransportOutput(plan, thickness)
 
 
 def as_plan(
