@@ -48,6 +48,15 @@ def _freeze(message: object, **values: object) -> None:
         object.__setattr__(message, name, value)
 
 
+def _unset() -> NDArray[Any]:
+    return np.empty(0)
+
+
+def _filled(given: NDArray[Any], default: NDArray[Any]) -> NDArray[Any]:
+    """Return `default` where nothing was given."""
+    return default if isinstance(given, np.ndarray) and given.shape == (0,) else given
+
+
 @dataclass(frozen=True, eq=False)
 class PointCloud:
     """A point cloud in the user's units and frame.
@@ -70,9 +79,7 @@ class PointCloud:
 
     def __post_init__(self) -> None:
         positions = points_array(self.positions, "positions")
-        _freeze(
-            self, positions=finite_array(positions, (None, 3), "positions", positions.dtype)
-        )
+        _freeze(self, positions=finite_array(positions, (None, 3), "positions", positions.dtype))
         if self.weights is not None:
             weights = finite_array(self.weights, (len(positions),), "weights")
             if len(weights) and weights.min() <= 0:
@@ -240,12 +247,12 @@ class Nodes:
 
     positions: NDArray[np.float64]
     mass: NDArray[np.float64]
-    potentials: NDArray[np.float64] | None = None
+    potentials: NDArray[np.float64] = field(default_factory=_unset)
     epsilon: float | None = None
-    ids: IntArray | None = None
+    ids: IntArray = field(default_factory=_unset)
     links: IntArray = field(default_factory=lambda: np.empty((0, 2), np.int64))
-    settled: BoolArray | None = None
-    scale: NDArray[np.float64] | None = None
+    settled: BoolArray = field(default_factory=_unset)
+    scale: NDArray[np.float64] = field(default_factory=_unset)
     rounds: int = 0
     header: Header = field(default_factory=Header)
 
@@ -254,20 +261,21 @@ class Nodes:
         count = len(positions)
         if self.epsilon is not None and not (np.isfinite(self.epsilon) and self.epsilon > 0):
             raise InputError("epsilon must be positive", received=self.epsilon)
-        potentials = np.zeros(count) if self.potentials is None else self.potentials
-        ids = np.arange(count) if self.ids is None else self.ids
-        settled = np.zeros(count, bool) if self.settled is None else self.settled
-        scale = finite_array(np.ones(count) if self.scale is None else self.scale, (count,), "scale")
+        scale = finite_array(_filled(self.scale, np.ones(count)), (count,), "scale")
         if count and scale.min() <= 0:
             raise InputError("scale must be positive", received=f"minimum {scale.min()}")
         _freeze(
             self,
             positions=positions,
             mass=masses(self.mass, count),
-            potentials=finite_array(potentials, (count,), "potentials"),
-            ids=finite_array(ids, (count,), "ids", np.int64),
+            potentials=finite_array(
+                _filled(self.potentials, np.zeros(count)), (count,), "potentials"
+            ),
+            ids=finite_array(_filled(self.ids, np.arange(count)), (count,), "ids", np.int64),
             links=index_pairs(self.links, count, "links"),
-            settled=finite_array(settled, (count,), "settled", np.bool_),
+            settled=finite_array(
+                _filled(self.settled, np.zeros(count)), (count,), "settled", np.bool_
+            ),
             scale=scale,
         )
 

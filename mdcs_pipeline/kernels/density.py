@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
+
+from mdcs_pipeline.kernels.nearest import nearest
 
 FloatArray = NDArray[np.float64]
 
@@ -22,9 +23,7 @@ def neighbour_radius(points: FloatArray, neighbours: int) -> FloatArray:
     -------
     (n,) float64
     """
-    k = min(neighbours, len(points) - 1)
-    distances, _ = cKDTree(points).query(points, k=[k + 1])
-    return np.asarray(distances[:, 0], dtype=np.float64)
+    return nearest(points, neighbours).distance[:, -1]
 
 
 def area_mass(radius: FloatArray, cap: float) -> FloatArray:

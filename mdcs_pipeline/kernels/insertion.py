@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -52,14 +53,15 @@ def insert_points(
     """
     lengths = np.linalg.norm(positions[edges[:, 0]] - positions[edges[:, 1]], axis=1)
     counts = inserted_counts(lengths, spacing)
-    places, levels, pairs = [positions], [values], []
+    places, levels = [positions], [values]
+    pairs: list[tuple[int, int]] = []
     following = len(positions)
     for (i, j), count in zip(edges.tolist(), counts.tolist(), strict=True):
         share = np.arange(1, count + 1) / (count + 1)
         places.append(positions[i] + share[:, None] * (positions[j] - positions[i]))
         levels.append(values[i] + share[:, None] * (values[j] - values[i]))
         chain = [i, *range(following, following + count), j]
-        pairs.extend(zip(chain[:-1], chain[1:], strict=True))
+        pairs.extend(pairwise(chain))
         following += count
     cut = np.sort(np.array(pairs, dtype=np.int64).reshape(-1, 2), axis=1)
     return Refined(np.concatenate(places), np.concatenate(levels), cut)

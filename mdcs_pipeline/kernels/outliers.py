@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
+
+from mdcs_pipeline.kernels.nearest import nearest
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -29,10 +30,9 @@ def lonely_points(
     -------
     (n,) bool
     """
-    count = min(neighbours + 1, len(points))
-    distance, nearest = cKDTree(points).query(points, k=count)
-    radius = distance[:, -1]
-    near = np.median(radius[nearest[:, 1:]], axis=1)
+    found = nearest(points, neighbours)
+    radius = found.distance[:, -1]
+    near = np.median(radius[found.indices], axis=1)
     return np.asarray(
         (radius > against_near * near) | (radius > against_all * np.median(radius)), dtype=np.bool_
     )

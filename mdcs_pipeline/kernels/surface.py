@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
+
+from mdcs_pipeline.kernels.nearest import nearest
 
 FloatArray = NDArray[np.float64]
 
@@ -29,9 +30,9 @@ class SurfaceGraph(NamedTuple):
 
 def averaged(points: FloatArray, neighbours: int) -> FloatArray:
     """Return each point's mean with its `neighbours` nearest: noise across the surface shrinks."""
-    count = min(neighbours + 1, len(points))
-    _, nearest = cKDTree(points).query(points, k=count)
-    return np.asarray(points[nearest.reshape(len(points), count)].mean(axis=1), dtype=np.float64)
+    found = nearest(points, neighbours)
+    sums = points + points[found.indices].sum(axis=1)
+    return np.asarray(sums / (1 + found.indices.shape[1]), dtype=np.float64)
 
 
 def surface_graph(points: FloatArray, neighbours: int, averaging: int) -> SurfaceGraph:
@@ -51,12 +52,11 @@ def surface_graph(points: FloatArray, neighbours: int, averaging: int) -> Surfac
     """
     n = len(points)
     placed = averaged(points, averaging) if averaging else points.copy()
-    count = min(neighbours + 1, n)
-    distance, nearest = cKDTree(placed).query(placed, k=count)
-    rows = np.repeat(np.arange(n), count - 1)
-    columns = nearest[:, 1:].ravel()
+    found = nearest(placed, neighbours)
+    rows = np.repeat(np.arange(n), found.indices.shape[1])
     # Points that averaging put on one place still are neighbours, at a distance above 0.
-    length = np.maximum(distance[:, 1:].ravel(), 1e-12)
+    length = np.maximum(found.distance.ravel(), 1e-12)
+    columns = found.indices.ravel()
     one_way = sparse.csr_array(sparse.coo_array((length, (rows, columns)), shape=(n, n)))
     return SurfaceGraph(placed, sparse.csr_array(one_way.maximum(one_way.T)))
 

@@ -41,7 +41,10 @@ class CheckSettings(Settings):
         2, ge=1, le=20, description="Width, in links of the surface, of the ring around a node."
     )
     overlap: float = Field(
-        0.3, ge=0, lt=1, description="Overlap of two neighbours' pieces of the ring that joins them."
+        0.3,
+        ge=0,
+        lt=1,
+        description="Overlap of two neighbours' pieces of the ring that joins them.",
     )
     majority: float = Field(
         0.5, gt=0, le=1, description="Share of a loop's nodes that must be led around."

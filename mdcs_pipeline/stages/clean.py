@@ -50,19 +50,20 @@ class Clean(Stage[CleanSettings]):
     def __call__(self, cloud: PointCloud) -> Cleaned:
         """Return the cloud without its outliers; a cloud of a few points stays as it is."""
         keep = np.arange(len(cloud))
+        positions = np.asarray(cloud.positions, dtype=np.float64)
         settings = self.settings
         for _ in range(settings.passes):
             if len(keep) <= 4 * settings.neighbours:
                 break
             lonely = lonely_points(
-                cloud.positions[keep],
+                positions[keep],
                 settings.neighbours,
                 settings.against_near,
                 settings.against_all,
             )
             keep = keep[~lonely]
         if settings.least_island > 0 and len(keep) > 4 * settings.neighbours:
-            graph = surface_graph(cloud.positions[keep], settings.neighbours, 0).graph
+            graph = surface_graph(positions[keep], settings.neighbours, 0).graph
             keep = keep[~islands(graph, np.ones(len(keep)), settings.least_island)]
         weights = None if cloud.weights is None else cloud.weights[keep]
         return Cleaned(PointCloud(cloud.positions[keep], weights, cloud.header, cloud.dropped))

@@ -77,9 +77,7 @@ class Link(Stage[LinkSettings]):
             edges = self._by_mass(cloud, plan, surface)
         return LinkOutput(RoughSkeleton(plan, edges, plan.nodes.settled))
 
-    def _by_mass(
-        self, cloud: MassCloud, plan: TransportPlan, surface: Surface | None
-    ) -> IntArray:
+    def _by_mass(self, cloud: MassCloud, plan: TransportPlan, surface: Surface | None) -> IntArray:
         settings, nodes = self.settings, plan.nodes
         wide = widened(plan.plan, cloud.mass, settings.widening)
         links = co_transport(wide, cloud.mass, 1e-3)

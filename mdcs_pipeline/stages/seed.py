@@ -45,7 +45,7 @@ class Seed(Stage[SeedSettings]):
             chosen = spread_points(cloud.positions, m, settings.seed)
         else:
             chosen = random_points(n, m, settings.seed)
-        scale = None if thickness is None else thickness.radius[chosen]
+        scale = np.ones(m) if thickness is None else thickness.radius[chosen]
         nodes = Nodes(
             cloud.positions[chosen], np.full(m, 1.0 / m), scale=scale, header=cloud.header
         )

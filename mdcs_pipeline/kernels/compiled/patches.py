@@ -13,7 +13,8 @@ from mdcs_pipeline.kernels.compiled.types import FloatArray, IntArray
 def middle_variance(total: float, first: FloatArray, second: FloatArray) -> float:
     """Return the middle eigenvalue of a patch's covariance from its moments."""
     covariance = second / total - np.outer(first, first) / (total * total)
-    return max(np.linalg.eigvalsh(covariance)[1], 0.0)
+    middle: float = np.linalg.eigvalsh(covariance)[1]
+    return max(middle, 0.0)
 
 
 @njit(cache=True, nogil=True)

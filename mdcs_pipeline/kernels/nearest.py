@@ -1,0 +1,45 @@
+"""Nearest neighbours of points among themselves."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+class Nearest(NamedTuple):
+    """Each point's neighbours by rising distance, without itself.
+
+    Parameters
+    ----------
+    distance : (n, k) float64
+    indices : (n, k) int64
+    """
+
+    distance: FloatArray
+    indices: IntArray
+
+
+def nearest(points: FloatArray, count: int) -> Nearest:
+    """Return the `count` nearest others of every point; fewer where there are not as many.
+
+    Parameters
+    ----------
+    points : (n, 3) float64
+    count : int
+
+    Returns
+    -------
+    Nearest
+    """
+    k = min(count + 1, len(points))
+    distance, index = cKDTree(points).query(points, k=list(range(2, k + 1)))
+    return Nearest(
+        np.asarray(distance, dtype=np.float64).reshape(len(points), k - 1),
+        np.asarray(index, dtype=np.int64).reshape(len(points), k - 1),
+    )
