@@ -13,6 +13,8 @@ FloatArray = NDArray[np.floating[Any]]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
+_KINDS = {"i": "whole numbers", "b": "truth values"}
+
 
 def frozen_view(array: NDArray[Any]) -> NDArray[Any]:
     """Return a read-only view; the caller's own array stays writable."""
@@ -23,6 +25,12 @@ def frozen_view(array: NDArray[Any]) -> NDArray[Any]:
 
 def numeric_array(value: object, name: str) -> NDArray[Any]:
     """Return `value` as an array of real numbers, or say why it is none."""
+    if np.ma.is_masked(value):
+        raise InputError(
+            f"{name} holds masked values",
+            received=f"{np.ma.count_masked(value)} of them",
+            remedy="leave them out, or fill them with NaN where that may be dropped",
+        )
     try:
         array = np.asarray(value)
     except (ValueError, TypeError) as error:
@@ -71,7 +79,14 @@ def finite_array(
         raise InputError(
             f"{name} must be finite", received=f"{bad} values that are NaN or infinite"
         )
-    return frozen_view(np.ascontiguousarray(array, dtype=dtype))
+    with np.errstate(invalid="ignore"):
+        held = np.ascontiguousarray(array, dtype=dtype)
+    # A cast to integers or truth values cuts off what they cannot hold.
+    if held.dtype.kind in _KINDS and (lost := held != array).any():
+        raise InputError(
+            f"{name} must hold {_KINDS[held.dtype.kind]}", received=array[lost][0].item()
+        )
+    return frozen_view(held)
 
 
 def masses(value: object, count: int, name: str = "mass") -> NDArray[np.float64]:

@@ -139,4 +139,5 @@ def demo_cloud(count: int = 6000, noise: float = 0.002, seed: int = 0) -> NDArra
     points = _skin(count, rng)
     points = points + rng.normal(0.0, noise, points.shape)
     centre, reach = _HOLE
-    return points[np.linalg.norm(points - centre, axis=1) > reach]
+    seen: NDArray[np.float64] = points[np.linalg.norm(points - centre, axis=1) > reach]
+    return seen

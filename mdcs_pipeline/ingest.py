@@ -44,7 +44,11 @@ def as_point_cloud(
         rows = points_array(points if held is None else held)
         finite, dropped = finite_points(rows, nonfinite)
         if dropped and not len(finite):
-            raise InputError("all points hold NaN or infinity", received=f"{dropped} points")
+            raise InputError(
+                "all points hold NaN or infinity",
+                received=f"{dropped} points",
+                remedy="check the source: a sensor that sees nothing gives such clouds",
+            )
         cloud = PointCloud(finite, header=header or Header(), dropped=dropped)
     if not len(cloud):
         raise InputError("the cloud is empty", remedy="pass at least one point")

@@ -48,6 +48,15 @@ def _freeze(message: object, **values: object) -> None:
         object.__setattr__(message, name, value)
 
 
+def _frozen_matrix(matrix: sparse.csr_array) -> sparse.csr_array:
+    """Return a read-only matrix on the same entries; the caller's own stays writable."""
+    parts = (matrix.data, matrix.indices, matrix.indptr)
+    frozen = sparse.csr_array(parts, shape=matrix.shape, copy=False)
+    for part in ("data", "indices", "indptr"):
+        setattr(frozen, part, frozen_view(getattr(frozen, part)))
+    return frozen
+
+
 def _unset() -> NDArray[Any]:
     return np.empty(0)
 
@@ -114,8 +123,8 @@ class UnitFrame:
 
     def __post_init__(self) -> None:
         axes = finite_array(self.axes, (3, 3), "axes")
-        if not np.allclose(axes @ axes.T, np.eye(3), atol=1e-9):
-            raise InputError("axes must be orthonormal", received=axes.tolist())
+        if not np.allclose(axes @ axes.T, np.eye(3), atol=1e-9) or np.linalg.det(axes) < 0:
+            raise InputError("axes must be orthonormal, right-handed", received=axes.tolist())
         if not (np.isfinite(self.length) and self.length > 0):
             raise InputError("length must be positive", received=self.length)
         _freeze(self, centre=finite_array(self.centre, (3,), "centre"), axes=axes)
@@ -183,7 +192,10 @@ class Surface:
                 f"the graph must have one row for each of {len(positions)} points",
                 received=f"shape {self.graph.shape}",
             )
-        _freeze(self, positions=positions)
+        lengths = finite_array(self.graph.data, (None,), "graph")
+        if len(lengths) and lengths.min() <= 0:
+            raise InputError("distances must be positive", received=f"minimum {lengths.min()}")
+        _freeze(self, positions=positions, graph=_frozen_matrix(self.graph))
 
     def summary(self) -> dict[str, Any]:
         """Return the figures that a progress line shows."""
@@ -337,10 +349,8 @@ class TransportPlan:
         data = finite_array(self.plan.data, (None,), "plan")
         if len(data) and data.min() < 0:
             raise InputError("the plan must not be negative", received=f"minimum {data.min()}")
-        for part in ("data", "indices", "indptr"):
-            setattr(self.plan, part, frozen_view(getattr(self.plan, part)))
         potentials = finite_array(self.point_potentials, (count,), "point_potentials")
-        _freeze(self, point_potentials=potentials)
+        _freeze(self, plan=_frozen_matrix(self.plan), point_potentials=potentials)
 
     def summary(self) -> dict[str, Any]:
         """Return the figures that a progress line shows."""

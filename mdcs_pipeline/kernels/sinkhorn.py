@@ -106,16 +106,27 @@ class _Pattern(NamedTuple):
 
 def _pattern(
     problem: Problem, potentials: FloatArray, reach: float, lift: bool
-) -> tuple[_Pattern, FloatArray]:
+) -> tuple[_Pattern, FloatArray, NDArray[np.bool_]]:
     weights = 1.0 / problem.point_scale, 1.0 / problem.node_scale
     places = problem.points, problem.nodes
     best, slack = best_and_slack(*places, potentials, *weights)
-    starved = slack > 0.5 * reach
-    if lift and starved.any():
+    starved = (slack > 0.5 * reach) & lift
+    if starved.any():
         # A node that serves nobody has no kernel column: raise it to where it just competes.
         potentials = potentials + np.where(starved, slack - 0.25 * reach, 0.0)
         best, _ = best_and_slack(*places, potentials, *weights)
-    return _Pattern(*lists_within(*places, potentials, *weights, best, reach)), potentials
+    pattern = _Pattern(*lists_within(*places, potentials, *weights, best, reach))
+    return pattern, potentials, starved
+
+
+def _drift(log_scaling: FloatArray, lifted: NDArray[np.bool_]) -> float:
+    """Return by how many ε a potential has risen against another since the pattern was made.
+
+    The way back down of a lifted node does not count. It is no point's best, so that the
+    other columns do not depend on it; and a node of little mass, lifted every time, would
+    have the pattern made again for ever.
+    """
+    return float(log_scaling.max() - log_scaling[~lifted].min())
 
 
 class _Run(NamedTuple):
@@ -126,7 +137,12 @@ class _Run(NamedTuple):
 
 
 def _iterate(
-    pattern: _Pattern, kernel: FloatArray, problem: Problem, accuracy: Accuracy, budget: int
+    pattern: _Pattern,
+    kernel: FloatArray,
+    lifted: NDArray[np.bool_],
+    problem: Problem,
+    accuracy: Accuracy,
+    budget: int,
 ) -> _Run:
     """Run accelerated passes until the marginal is met, the potentials are far or `budget` ends."""
     mass, target = problem.mass, problem.target
@@ -139,7 +155,7 @@ def _iterate(
         sinkhorn_pass(pattern.indptr, pattern.indices, kernel, mass, np.exp(z), received, sums)
         passes += 1
         error = float(np.abs(received - target).sum())
-        if error <= accuracy.tolerance or passes >= budget or np.ptp(z) > REFILL:
+        if error <= accuracy.tolerance or passes >= budget or _drift(z, lifted) > REFILL:
             return _Run(z, sums, passes, error)
         residual = np.log(target) - np.log(np.maximum(received, 1e-300))
         if error > 2.0 * best_error:
@@ -170,13 +186,14 @@ def solve(problem: Problem, potentials: FloatArray, accuracy: Accuracy) -> Solut
     reach = -problem.epsilon * np.log(accuracy.cut)
     passes = entries = 0
     while True:
-        pattern, start = _pattern(problem, potentials, reach, lift=True)
+        pattern, start, lifted = _pattern(problem, potentials, reach, lift=True)
         kernel, top = fill_kernel(*pattern, start, problem.epsilon)
-        run = _iterate(pattern, kernel, problem, accuracy, accuracy.max_passes - passes)
+        budget = accuracy.max_passes - passes
+        run = _iterate(pattern, kernel, lifted, problem, accuracy, budget)
         passes += run.passes
         entries += run.passes * len(kernel)
         potentials = start + problem.epsilon * run.log_scaling
-        trusted = float(np.ptp(run.log_scaling)) <= DRIFT
+        trusted = _drift(run.log_scaling, lifted) <= DRIFT
         if passes >= accuracy.max_passes or (run.error <= accuracy.tolerance and trusted):
             break
     return _solution(problem, pattern, kernel, top, run, potentials)._replace(
@@ -204,7 +221,7 @@ def solve_free(problem: Problem, potentials: FloatArray, accuracy: Accuracy) -> 
     Solution
     """
     reach = -problem.epsilon * np.log(accuracy.cut)
-    pattern, _ = _pattern(problem, potentials, reach, lift=False)
+    pattern, _, _ = _pattern(problem, potentials, reach, lift=False)
     kernel, top = fill_kernel(*pattern, potentials, problem.epsilon)
     received, sums = np.empty(len(problem.nodes)), np.empty(len(problem.mass))
     ones = np.ones(len(problem.nodes))

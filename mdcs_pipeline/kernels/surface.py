@@ -35,8 +35,24 @@ def averaged(points: FloatArray, neighbours: int) -> FloatArray:
     return np.asarray(sums / (1 + found.indices.shape[1]), dtype=np.float64)
 
 
-def surface_graph(points: FloatArray, neighbours: int, averaging: int) -> SurfaceGraph:
-    """Return the symmetric nearest-neighbour graph of averaged points.
+def normals(points: FloatArray, indices: NDArray[np.int64]) -> FloatArray:
+    """Return the direction in which each point's neighbourhood is thinnest, (n, 3), unit.
+
+    Its sign means nothing.
+    """
+    patch = np.concatenate([points[:, None], points[indices]], axis=1)
+    offset = patch - patch.mean(axis=1, keepdims=True)
+    _, vectors = np.linalg.eigh(np.einsum("nka,nkb->nab", offset, offset))
+    return np.asarray(vectors[:, :, 0], dtype=np.float64)
+
+
+def surface_graph(
+    points: FloatArray, neighbours: int, averaging: int = 0, steepest: float = 1.0
+) -> SurfaceGraph:
+    """Return the symmetric graph of neighbours along the surface.
+
+    Two walls that face each other across a gap may be nearer than points of one wall; but a
+    link through the gap stands upright on both. Such links are passed over for the next.
 
     Parameters
     ----------
@@ -45,6 +61,8 @@ def surface_graph(points: FloatArray, neighbours: int, averaging: int) -> Surfac
         Each point is linked to this many, and to those that name it.
     averaging : int
         Neighbours that a point is averaged with; 0 for none.
+    steepest : float
+        Largest |cosine| between a link and the normals at both its ends; 1 takes all.
 
     Returns
     -------
@@ -52,12 +70,20 @@ def surface_graph(points: FloatArray, neighbours: int, averaging: int) -> Surfac
     """
     n = len(points)
     placed = averaged(points, averaging) if averaging else points.copy()
-    found = nearest(placed, neighbours)
-    rows = np.repeat(np.arange(n), found.indices.shape[1])
+    found = nearest(placed, neighbours if steepest >= 1.0 else 2 * neighbours)
     # Points that averaging put on one place still are neighbours, at a distance above 0.
-    length = np.maximum(found.distance.ravel(), 1e-12)
-    columns = found.indices.ravel()
-    one_way = sparse.csr_array(sparse.coo_array((length, (rows, columns)), shape=(n, n)))
+    length = np.maximum(found.distance, 1e-12)
+    kept = np.ones(length.shape, dtype=bool)
+    if steepest < 1.0 and n > 2 * neighbours:
+        normal = normals(placed, found.indices[:, : 2 * neighbours])
+        step = (placed[found.indices] - placed[:, None]) / length[:, :, None]
+        here = np.abs(np.einsum("nka,na->nk", step, normal))
+        there = np.abs(np.einsum("nka,nka->nk", step, normal[found.indices]))
+        kept = np.minimum(here, there) <= steepest
+    kept &= np.cumsum(kept, axis=1) <= neighbours
+    rows = np.repeat(np.arange(n), length.shape[1])[kept.ravel()]
+    entries = (length[kept], (rows, found.indices[kept]))
+    one_way = sparse.csr_array(sparse.coo_array(entries, shape=(n, n)))
     return SurfaceGraph(placed, sparse.csr_array(one_way.maximum(one_way.T)))
 
 

@@ -58,7 +58,8 @@ def pull(
         rows = np.repeat(np.arange(plan.shape[0]), np.diff(plan.indptr))
         distance = np.linalg.norm(points[rows] - nodes[plan.indices], axis=1)
         # A node on top of a point would be held there by an infinite weight.
-        floor = 1e-6 * max(float(distance.max(initial=0.0)), np.finfo(float).tiny)
+        largest = float(distance.max(initial=0.0))
+        floor = 1e-6 * largest if largest > 0 else 1.0
         data = 0.5 * plan.data / np.maximum(distance, floor)
         plan = sparse.csr_array((data, plan.indices, plan.indptr), shape=plan.shape)
         scales = np.sqrt(scales[0]), np.sqrt(scales[1])
@@ -125,5 +126,8 @@ def relaxed_step(
     else:
         left = sparse.diags_array((1.0 - weight) * pulled.total)
         system = sparse.csc_array(left + weight * (smoothing.T @ smoothing))
-        goal = splu(system).solve((1.0 - weight) * pulled.weighted)
+        # The row of a node without mass and without inner neighbours is empty: it stays.
+        lost = system.diagonal() == 0
+        right = np.where(lost[:, None], nodes, (1.0 - weight) * pulled.weighted)
+        goal = splu(sparse.csc_array(system + sparse.diags_array(lost.astype(float)))).solve(right)
     return np.asarray((1.0 - step) * nodes + step * goal, dtype=np.float64)

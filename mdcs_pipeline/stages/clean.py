@@ -19,14 +19,26 @@ class CleanSettings(Settings):
     neighbours: int = Field(
         8, ge=1, le=100, description="Neighbour that a point's radius reaches to."
     )
-    against_near: float = Field(
-        2.5, gt=1, description="Largest radius of a point, in medians of its neighbours' radii."
+    near: float = Field(
+        1.8, gt=1, description="Radius of a point, in its neighbours' median, from which it goes."
     )
-    against_all: float = Field(
-        6.0, gt=1, description="Largest radius of a point, in medians over the whole cloud."
+    sparse: float = Field(
+        2.0,
+        gt=1,
+        description="Radius of a point, in medians over the cloud, from which it goes if its "
+        "neighbours fill space instead of a surface.",
+    )
+    far: float = Field(
+        4.0, gt=1, description="Radius of a point, in medians, from which it goes in any case."
+    )
+    round_from: float = Field(
+        0.1,
+        gt=0,
+        lt=1,
+        description="λ1/λ3 of the neighbours from which they fill space; about 0.25 in a volume.",
     )
     passes: int = Field(
-        2, ge=0, le=10, description="Times that the test is run: outliers hide each other."
+        3, ge=0, le=10, description="Times that the test is run: outliers hide each other."
     )
     least_island: float = Field(
         0.004,
@@ -58,8 +70,10 @@ class Clean(Stage[CleanSettings]):
             lonely = lonely_points(
                 positions[keep],
                 settings.neighbours,
-                settings.against_near,
-                settings.against_all,
+                settings.near,
+                settings.sparse,
+                settings.far,
+                settings.round_from,
             )
             keep = keep[~lonely]
         if settings.least_island > 0 and len(keep) > 4 * settings.neighbours:

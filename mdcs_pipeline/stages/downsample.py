@@ -13,6 +13,9 @@ from mdcs_pipeline.kernels.voxels import voxel_means
 from mdcs_pipeline.messages import PointCloud, UnitFrame
 from mdcs_pipeline.stage import Settings, Stage
 
+# Squares of coordinates, and of their differences, must be numbers that a float64 can hold.
+_SMALLEST, _LARGEST = 1e-140, 1e140
+
 
 class DownsampleSettings(Settings):
     """Settings of `Downsample`."""
@@ -72,7 +75,7 @@ def unit_frame(cloud: PointCloud) -> UnitFrame:
     Raises
     ------
     InputError
-        If the cloud is empty or all its points coincide.
+        If the cloud is empty, all its points coincide, or it is too large or small to square.
     """
     if not len(cloud):
         raise InputError(
@@ -80,13 +83,25 @@ def unit_frame(cloud: PointCloud) -> UnitFrame:
             received=f"0 points, {cloud.dropped} dropped as not finite",
             remedy="check the source",
         )
+    size = float(np.abs(cloud.positions).max())
+    if size > _LARGEST:
+        raise _out_of_range(size)
     frame = canonical_frame(cloud.positions, cloud.weights)
     # Where the spread is only the round-off of large coordinates there is no shape to measure.
-    size = float(np.abs(cloud.positions).max())
     if frame.length <= 1e-12 * size or frame.length == 0.0:
         raise InputError(
             "all points coincide",
             received=f"{len(cloud)} points within {frame.length:.3g} of each other",
             remedy="a skeleton needs a shape with an extent",
         )
+    if frame.length < _SMALLEST:
+        raise _out_of_range(frame.length)
     return UnitFrame(*frame)
+
+
+def _out_of_range(size: float) -> InputError:
+    return InputError(
+        f"the cloud's size must lie between {_SMALLEST:g} and {_LARGEST:g}",
+        received=f"{size:.3g}",
+        remedy="take another unit of length",
+    )

@@ -25,6 +25,14 @@ class SurfaceSettings(Settings):
         "keeps close limbs apart.",
     )
 
+    steepest: float = Field(
+        0.75,
+        gt=0,
+        le=1,
+        description="Largest |cosine| of a link with the normals at both its ends: steeper ones "
+        "cross a gap between two walls. 1 takes all.",
+    )
+
 
 class SurfaceOutput(NamedTuple):
     """Output of `SurfaceGraph`."""
@@ -39,5 +47,8 @@ class SurfaceGraph(Stage[SurfaceSettings]):
 
     def __call__(self, cloud: MassCloud) -> SurfaceOutput:
         """Return the neighbour graph of the cloud, in its unit frame."""
-        found = surface_graph(cloud.positions, self.settings.neighbours, self.settings.averaging)
+        settings = self.settings
+        found = surface_graph(
+            cloud.positions, settings.neighbours, settings.averaging, settings.steepest
+        )
         return SurfaceOutput(Surface(found.positions, found.graph))

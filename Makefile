@@ -1,0 +1,81 @@
+# Needs Python 3.11 or later and make. `make PYTHON=python3.12 VENV=/tmp/venv test` chooses others.
+PYTHON ?= python3
+VENV ?= .venv
+SUDO ?=
+JOBS ?= 2
+
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip --disable-pip-version-check -q
+SYSTEM := libusb-1.0-0 libegl1 libgl1 libx11-6 libudev1 libidn2-0 libgomp1
+PACKAGING := pyproject.toml
+
+.DEFAULT_GOAL := help
+.PHONY: help demo test lint clean bench-topology
+
+help:
+	@echo 'make demo            set up, and run the main job on a cloud of its own: out/demo'
+	@echo 'make test            set up, and run every check'
+	@echo 'make lint            the checks without the tests'
+	@echo 'make bench-topology  all of the topology benchmark (hours)'
+	@echo 'make clean           remove what was set up and made'
+
+demo: $(VENV)/.demo
+	$(BIN)/mdcs demo -o out/demo
+
+test: lint
+	$(BIN)/python -m pytest --cov --cov-branch --cov-report=term --cov-fail-under=90
+
+lint: $(VENV)/.test
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+bench-topology: $(VENV)/.test
+	$(BIN)/python -m benchmarks.topology --suites '.*' --seeds 3 --jobs $(JOBS) \
+	  --method mdcs:default --method mdcs:paper --sheet build/failures.png --readme
+
+clean:
+	rm -rf .venv build dist out *.egg-info .coverage .pytest_cache .mypy_cache .ruff_cache \
+	  .hypothesis .import_linter_cache
+	find mdcs_pipeline nodes configs tests benchmarks -name __pycache__ -prune -exec rm -rf {} +
+
+# The interpreter is tried first: an old one fails in pip with a message that names nothing.
+$(VENV)/.venv:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
+	  echo "make: $(PYTHON) is missing or older than 3.11; name another: make PYTHON=python3.12" >&2; \
+	  exit 1; }
+	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || { \
+	  v=$$($(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2])'); \
+	  echo "make: $(PYTHON) cannot make environments; run: apt-get install python$$v-venv" >&2; \
+	  exit 1; }
+	rm -rf $(VENV)
+	$(PYTHON) -m venv $(VENV)
+	$(PIP) install --upgrade pip
+	@touch $@
+
+$(VENV)/.demo: $(PACKAGING) | $(VENV)/.venv
+	$(PIP) install -e '.[open3d-cpu,draw]'
+	@$(open3d-libraries)
+	@touch $@
+
+$(VENV)/.test: $(PACKAGING) | $(VENV)/.venv
+	$(PIP) install -e '.[open3d-cpu,draw,test]'
+	@$(open3d-libraries)
+	@touch $@ $(VENV)/.demo
+
+# Open3D's wheel leaves these to the system; which are missing shows when it is imported.
+define open3d-libraries
+if ! why=$$($(BIN)/python -c 'import open3d' 2>&1); then \
+  if command -v apt-get >/dev/null && { [ "$$(id -u)" = 0 ] || [ -n "$(SUDO)" ]; }; then \
+    echo "installing the system libraries of Open3D: $(SYSTEM)"; \
+    $(SUDO) apt-get -qq update && \
+    DEBIAN_FRONTEND=noninteractive $(SUDO) apt-get -qq install -y --no-install-recommends $(SYSTEM) >/dev/null; \
+  fi; \
+  $(BIN)/python -c 'import open3d' 2>/dev/null || { \
+    echo "$$why" | tail -n 1 >&2; \
+    echo "make: Open3D lacks system libraries; as root run:" >&2; \
+    echo "  apt-get update && apt-get install -y $(SYSTEM)" >&2; \
+    exit 1; }; \
+fi
+endef
