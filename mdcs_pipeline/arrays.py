@@ -25,10 +25,10 @@ def frozen_view(array: NDArray[Any]) -> NDArray[Any]:
 
 def numeric_array(value: object, name: str) -> NDArray[Any]:
     """Return `value` as an array of real numbers, or say why it is none."""
-    if np.ma.is_masked(value):
+    if isinstance(value, np.ma.MaskedArray) and np.any(value.mask):
         raise InputError(
             f"{name} holds masked values",
-            received=f"{np.ma.count_masked(value)} of them",
+            received=f"{np.count_nonzero(value.mask)} of them",
             remedy="leave them out, or fill them with NaN where that may be dropped",
         )
     try:

@@ -158,7 +158,7 @@ def line(count: int = 1500, radius: float = 0.1, seed: int = 0) -> Shape:
 def two_bars(count: int = 2000, radius: float = 0.1, gap: float = 0.6, seed: int = 0) -> Shape:
     """Return two parallel capsules whose axes are `gap` apart."""
     one, rng = np.linspace([0.0, 0.0, 0.0], [1.0, 0.0, 0.0], 21), np.random.default_rng(seed)
-    other = one + [0.0, gap, 0.0]
+    other = one + np.array([0.0, gap, 0.0])
     points = np.concatenate([tube(axis, radius, count // 2, rng) for axis in (one, other)])
     edges = np.concatenate([chain(21), chain(21, 21)])
     return Shape(points, np.concatenate([one, other]), edges, radius, (2, 0, 4))
@@ -203,7 +203,7 @@ def y_shape(count: int = 2400, radius: float = 0.09, seed: int = 0) -> Shape:
         kept.append(points[~np.any(inside, axis=0)])
     share = np.linspace(0, 1, 13)[1:, None]
     nodes = np.concatenate([np.zeros((1, 3)), *[share * tip for tip in tips]])
-    edges = [[(0, 1 + 12 * arm)] + chain(12, 1 + 12 * arm).tolist() for arm in range(3)]
+    edges = [[(0, 1 + 12 * arm), *chain(12, 1 + 12 * arm).tolist()] for arm in range(3)]
     return Shape(
         np.concatenate(kept), nodes, np.concatenate(edges).astype(np.int64), radius, (1, 0, 3)
     )

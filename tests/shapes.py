@@ -1,4 +1,4 @@
-"""Clouds of known topology, sampled evenly over their surface; the same seed gives the same cloud."""
+"""Clouds of known topology, evenly sampled; the same seed gives the same cloud."""
 
 from __future__ import annotations
 

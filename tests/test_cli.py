@@ -298,6 +298,33 @@ def test_a_reader_that_goes_is_no_failure() -> None:
 ASCII = {"LC_ALL": "C", "PYTHONIOENCODING": "ascii", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
 
 
+def test_a_progress_that_nobody_reads_does_not_stop_the_run(cloud: Path, tmp_path: Path) -> None:
+    """Standard error closed early: rich ends the process then, and the result was lost."""
+    out = tmp_path / "s.json"
+    running = subprocess.Popen(
+        [*COMMAND, "run", "default", "-i", str(cloud), "-o", str(out)],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+    )
+    assert running.stderr is not None
+    running.stderr.close()
+    assert running.wait(timeout=60) == 0
+    assert len(Skeleton.load(out))
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+@pytest.mark.parametrize("words", [["--version"], ["schema"], ["run", "default", "--json"]])
+def test_a_full_disk_behind_standard_output_is_one_line(words: list[str]) -> None:
+    """The fault of --json could not be told on standard output and left a traceback."""
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            [*COMMAND, *words], stdout=full, stderr=subprocess.PIPE, text=True, timeout=60
+        )
+    assert done.returncode in (1, 2)
+    assert "error: " in done.stderr
+    assert "Traceback" not in done.stderr
+
+
 def test_an_ascii_terminal_gets_letters_spelt_out(cloud: Path) -> None:
     done = mdcs("run", "default", "-i", cloud, env=ASCII)
     assert done.returncode == 0

@@ -155,12 +155,19 @@ def test_a_file_that_cannot_be_written_is_an_error(
 def test_a_profile_accounts_for_all_of_the_time(cloud: Path) -> None:
     done = mdcs("run", "default", "-i", cloud, "--profile")
     assert done.exit_code == 0, done.stderr
-    rows = done.stdout.partition("slowest round")[2].splitlines()[1:]
+    stages, _, rounds = done.stdout.partition("slowest round")[2].partition("\n\n")
+    rows = stages.splitlines()[1:]
     total = next(float(row.split()[1]) for row in rows if row.startswith("total"))
     parts = {row.split()[0]: row.split() for row in rows if not row.startswith("total")}
     spent = sum(float(p[1 if name == "outside" else 2]) for name, p in parts.items())
     assert spent == pytest.approx(total, abs=0.02)
     assert int(parts["transport"][1]) > 1
+    names, *each = [line.split() for line in rounds.splitlines()]
+    column = names.index("transport")
+    assert len(each) == int(parts["transport"][1])
+    assert sum(float(row[column]) for row in each) == pytest.approx(
+        float(parts["transport"][2]), abs=0.02
+    )
 
 
 def test_several_sources_go_by_name(cloud: Path, tmp_path: Path) -> None:
@@ -288,7 +295,7 @@ def test_the_cache_is_whole_only_if_every_kernel_is_newer_than_its_source(
 ) -> None:
     monkeypatch.delenv("NUMBA_DISABLE_JIT", raising=False)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "user"))
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "given"))
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
     folder = tmp_path / "compiled"
     cache = folder / "__pycache__"
     cache.mkdir(parents=True)
@@ -299,10 +306,13 @@ def test_the_cache_is_whole_only_if_every_kernel_is_newer_than_its_source(
     assert not kernels_cached(folder)
     (cache / "one.f-1.py311.nbi").touch()
     assert not kernels_cached(folder)
-    elsewhere = tmp_path / "given" / "compiled_0a"
+    elsewhere = tmp_path / "user" / "numba" / "compiled_0a"
     elsewhere.mkdir(parents=True)
     (elsewhere / "two.f-1.py311.nbi").touch()
     assert kernels_cached(folder)
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "given"))
+    assert not kernels_cached(folder)
+    monkeypatch.delenv("NUMBA_CACHE_DIR")
     os.utime(cache / "one.f-1.py311.nbi", (99, 99))
     assert not kernels_cached(folder)
     monkeypatch.setenv("NUMBA_DISABLE_JIT", "1")

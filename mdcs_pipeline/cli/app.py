@@ -64,6 +64,7 @@ app = typer.Typer(
     cls=Shell,
     add_completion=False,
     pretty_exceptions_enable=False,
+    rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 

@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
-NOTICE = "compiling the kernels, once: about a minute (mdcs warmup does it ahead of time)"
+NOTICE = "compiling the kernels, once: some 20 s (mdcs warmup does it ahead of time)"
 
 
 def kernels_cached(folder: Path | None = None) -> bool:
@@ -33,10 +33,12 @@ def _sources(folder: Path) -> list[Path]:
 
 
 def _indices(folder: Path) -> Iterator[Path]:
-    yield from (folder / "__pycache__").glob("*.nbi")
-    # Where numba looks first, and where it goes when the package's folder is read-only.
     given = os.environ.get("NUMBA_CACHE_DIR")
-    user = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "numba"
-    for root in (Path(given) if given else None, user):
-        if root is not None and root.is_dir():
-            yield from root.rglob("*.nbi")
+    if given:
+        # Then numba looks nowhere else.
+        yield from Path(given).rglob("*.nbi")
+        return
+    yield from (folder / "__pycache__").glob("*.nbi")
+    # Where numba goes when the package's folder is read-only.
+    user = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    yield from (user / "numba").rglob("*.nbi")

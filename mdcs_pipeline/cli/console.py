@@ -57,7 +57,7 @@ def prepare_streams() -> None:
             reconfigure(errors="mdcs-plain")
 
 
-class _Out(Console):
+class _Piped(Console):
     def on_broken_pipe(self) -> None:
         # rich would end the process with 1; a reader that has seen enough is no failure.
         raise BrokenPipeError
@@ -65,7 +65,7 @@ class _Out(Console):
 
 def out() -> Console:
     """Return the console of standard output."""
-    console = _Out(file=sys.stdout, highlight=False)
+    console = _Piped(file=sys.stdout, highlight=False)
     # rich takes 80 where there is no terminal; files and pipes have more room than that.
     if not console.is_terminal and "COLUMNS" not in os.environ:
         console.width = PIPE_WIDTH
@@ -74,7 +74,7 @@ def out() -> Console:
 
 def err() -> Console:
     """Return the console of standard error."""
-    return Console(file=sys.stderr, highlight=False)
+    return _Piped(file=sys.stderr, highlight=False)
 
 
 def literal(text: object, style: str = "", console: Console | None = None) -> Text:

@@ -41,6 +41,12 @@ def guarded(body: Callable[[], Any], mode: Mode) -> int:
     except BrokenPipeError:
         silence_stdout()
         return 0
+    except SystemExit as error:
+        # How typer's own help and rich answer a reader that has gone.
+        if not isinstance(error.__context__, BrokenPipeError):
+            raise
+        silence_stdout()
+        return 0
     except MdcsError as error:
         if mode.debug:
             _print_traceback()
@@ -94,10 +100,14 @@ def _tell(mode: Mode, code: int, fault: dict[str, Any], text: str | None = None)
         try:
             say(json.dumps({"ok": False, "exit_code": code, "error": fault}))
             flush()
+            return code
         except BrokenPipeError:
             silence_stdout()
-    else:
-        note(text or str(fault["what"]), "red")
+            return code
+        except OSError:
+            # A full disk behind standard output: the fault can be told elsewhere alone.
+            silence_stdout()
+    note(text or str(fault["what"]), "red")
     return code
 
 

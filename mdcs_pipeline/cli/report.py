@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -108,6 +109,25 @@ def show_profile(done: list[Done]) -> None:
         )
     table.add_row(literal("total", "bold"), "", f"{total:.3f}", "", "")
     show("", table)
+    _show_rounds({name: row["rounds"] for name, row in rows.items()}, total)
+
+
+def _show_rounds(seconds: dict[str, list[float]], total: float) -> None:
+    """Write the seconds of each round, for the stages that the loops fire again."""
+    from rich.table import Table
+
+    looped = {name: each for name, each in seconds.items() if len(each) > 1}
+    if not looped:
+        return
+    table = Table(box=None, pad_edge=False)
+    for name in ("round", *looped, "share"):
+        table.add_column(literal(name), justify="right")
+    for k in range(max(map(len, looped.values()))):
+        spent = [each[k] if k < len(each) else None for each in looped.values()]
+        cells = ("" if value is None else f"{value:.3f}" for value in spent)
+        share = sum(value or 0.0 for value in spent) / total if total else 0.0
+        table.add_row(str(k + 1), *cells, f"{share:.1%}")
+    show("", table)
 
 
 def profile_of(done: list[Done]) -> tuple[dict[str, dict[str, Any]], float]:
@@ -122,6 +142,7 @@ def profile_of(done: list[Done]) -> tuple[dict[str, dict[str, Any]], float]:
         flat = [(value, k) for values in each for k, value in enumerate(values, 1)]
         slowest, where = max(flat, default=(0.0, 0))
         rows[name] = _row(sum(value for value, _ in flat), total, len(flat), slowest, where)
+        rows[name]["rounds"] = [sum(values) for values in zip_longest(*each, fillvalue=0.0)]
     rest = total - sum(row["seconds"] for row in rows.values())
     rows["outside"] = _row(max(rest, 0.0), total, 0, 0.0, 0)
     return rows, total
@@ -134,6 +155,7 @@ def _row(seconds: float, total: float, firings: int, slowest: float, where: int)
         "share": seconds / total if total else 0.0,
         "slowest": slowest,
         "slowest_round": where,
+        "rounds": [],
     }
 
 

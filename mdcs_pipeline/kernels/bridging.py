@@ -114,7 +114,7 @@ def open_ends(
 
 
 def bridges(
-    nodes: FloatArray, scale: FloatArray, pairs: IntArray, ends: list[End], rule: BridgeRule
+    nodes: FloatArray, pairs: IntArray, ends: list[End], rule: BridgeRule
 ) -> IntArray:
     """Return edges that join open ends to each other, or to what they aim at.
 
@@ -125,7 +125,6 @@ def bridges(
     Parameters
     ----------
     nodes : (m, 3) float64
-    scale : (m,) float64
     pairs : (E, 2) int64
     ends : list of End
     rule : BridgeRule

@@ -38,11 +38,11 @@ def nearest(points: FloatArray, count: int) -> Nearest:
     Nearest
     """
     k = min(count + 1, len(points))
-    distance, index = cKDTree(points).query(points, k=list(range(1, k + 1)))
+    found = cKDTree(points).query(points, k=list(range(1, k + 1)))
+    distance = np.asarray(found[0], dtype=np.float64)
+    index = np.asarray(found[1], dtype=np.int64)
     itself = index == np.arange(len(points))[:, None]
     # Among points that coincide it need not come first; among more than k, not at all.
     itself[~itself.any(axis=1), -1] = True
-    return Nearest(
-        np.asarray(distance[~itself], dtype=np.float64).reshape(len(points), k - 1),
-        np.asarray(index[~itself], dtype=np.int64).reshape(len(points), k - 1),
-    )
+    shape = len(points), k - 1
+    return Nearest(distance[~itself].reshape(shape), index[~itself].reshape(shape))

@@ -17,7 +17,32 @@ def random_points(count: int, chosen: int, seed: int) -> IntArray:
     return np.sort(rng.choice(count, chosen, replace=False))
 
 
-def spread_points(points: FloatArray, chosen: int, seed: int) -> IntArray:
-    """Return `chosen` indices by farthest-point sampling, from a random first one."""
+def spread_points(
+    points: FloatArray,
+    chosen: int,
+    seed: int,
+    scale: FloatArray | None = None,
+    least: float = 0.0,
+) -> IntArray:
+    """Return indices by farthest-point sampling, from a random first one.
+
+    Parameters
+    ----------
+    points : (n, 3) float64
+    chosen : int
+        Most that are chosen.
+    seed : int
+        Chooses the first.
+    scale : (n,) float64, optional
+        Unit of each point's distances; 1 when absent.
+    least : float
+        No more are chosen once every point has one within this many of its units.
+
+    Returns
+    -------
+    (k,) int64
+    """
     first = int(np.random.default_rng(seed).integers(len(points)))
-    return np.asarray(farthest_points(points, chosen, first), dtype=np.int64)
+    unit = np.ones(len(points)) if scale is None else scale
+    found = farthest_points(points, unit, chosen, least, first)
+    return np.asarray(found, dtype=np.int64)

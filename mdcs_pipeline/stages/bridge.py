@@ -51,6 +51,6 @@ class Bridge(Stage[BridgeSettings]):
         owner = top_shares(plan.indptr, plan.indices, plan.data, 1)[0][:, 0]
         ends = open_ends(nodes.positions, nodes.scale, rough.edges, cloud.positions, owner)
         rule = BridgeRule(**self.settings.model_dump())
-        built = bridges(nodes.positions, nodes.scale, rough.edges, ends, rule)
+        built = bridges(nodes.positions, rough.edges, ends, rule)
         edges = np.unique(np.concatenate([rough.edges, built]), axis=0)
         return Bridged(replace(rough, edges=edges))

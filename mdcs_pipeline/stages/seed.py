@@ -22,6 +22,13 @@ class SeedSettings(Settings):
         description="random: drawn evenly from the points (Algorithm 1); spread: each the point "
         "farthest from those before it, which hardly depends on the seed.",
     )
+    spacing: float = Field(
+        0.4,
+        ge=0,
+        le=2,
+        description="With spread and a thickness: no more candidates once every point has one "
+        "within this many local radii. Fewer than m/n are then enough where the shape is thick.",
+    )
     seed: int = Field(0, ge=0, description="Seed of the random choice.")
 
 
@@ -42,9 +49,12 @@ class Seed(Stage[SeedSettings]):
         n = len(cloud)
         m = min(n, max(settings.least, round(settings.ratio * n)))
         if settings.choice == "spread":
-            chosen = spread_points(cloud.positions, m, settings.seed)
+            radius = None if thickness is None else thickness.radius
+            least = 0.0 if thickness is None else settings.spacing
+            chosen = spread_points(cloud.positions, m, settings.seed, radius, least)
         else:
             chosen = random_points(n, m, settings.seed)
+        m = len(chosen)
         scale = np.ones(m) if thickness is None else thickness.radius[chosen]
         nodes = Nodes(
             cloud.positions[chosen], np.full(m, 1.0 / m), scale=scale, header=cloud.header
