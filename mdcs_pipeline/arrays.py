@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from mdcs_pipeline.errors import InputError
+
+if TYPE_CHECKING:
+    from scipy import sparse
 
 FloatArray = NDArray[np.floating[Any]]
 IntArray = NDArray[np.int64]
@@ -156,3 +159,19 @@ def finite_points(
             remedy="remove them from the cloud, or set nonfinite to drop",
         )
     return points[finite], dropped
+
+
+def set_fields(message: object, **values: object) -> None:
+    """Set the fields of a frozen dataclass while it is being built."""
+    for name, value in values.items():
+        object.__setattr__(message, name, value)
+
+
+def frozen_matrix(matrix: sparse.csr_array) -> sparse.csr_array:
+    """Return a read-only matrix on the same entries; the caller's own stays writable."""
+    parts = (matrix.data, matrix.indices, matrix.indptr)
+    # By its own class: this module is loaded where scipy is not wanted yet.
+    frozen = type(matrix)(parts, shape=matrix.shape, copy=False)
+    for part in ("data", "indices", "indptr"):
+        setattr(frozen, part, frozen_view(getattr(frozen, part)))
+    return frozen

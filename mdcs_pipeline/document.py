@@ -16,7 +16,7 @@ MAX_DEPTH = 20
 MAX_NODES = 20_000
 
 _CORE = "tag:yaml.org,2002:"
-_TEXT_TAGS = frozenset(_CORE + name for name in ("str", "timestamp", "value", "merge"))
+_TEXT_TAGS = frozenset(_CORE + name for name in ("str", "timestamp", "value", "merge", "yaml"))
 _SCALAR_TAGS = _TEXT_TAGS | {_CORE + name for name in ("int", "float", "bool", "null")}
 _VARIABLE = re.compile(r"\$(\$?)\{([A-Za-z_][A-Za-z0-9_]*)(?::-([^}]*))?\}|\$\{")
 

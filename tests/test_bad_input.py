@@ -200,11 +200,6 @@ def test_collinear_points_give_a_line(count: int) -> None:
 UNEVEN = [(60, 3), (100, 0), (100, 1), (200, 0), (400, 0)]
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="kernels/thickness.py gives a line half the spacing of its neighbours as radius; "
-    "gaps of uneven sampling are wider and cut it (15 of 30 clouds; 0 of 30 with a whole one)",
-)
 @pytest.mark.parametrize(("count", "seed"), UNEVEN)
 def test_uneven_collinear_points_give_a_line(count: int, seed: int) -> None:
     points = np.random.default_rng(seed).uniform(-1, 1, count)[:, None] * DIRECTION

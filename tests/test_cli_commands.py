@@ -409,7 +409,7 @@ def test_the_bar_shows_stage_round_nodes_and_epsilon(cloud: Path) -> None:
             bar._progress.refresh()
     text = told.getvalue()
     assert "merge round 3, " in text
-    assert " nodes, ε 1.69" in text
+    assert " nodes, ε 2.1" in text
     assert "f2.npy, merge round 3" in text
 
 

@@ -126,7 +126,7 @@ def test_voxels_hold_the_mass_and_the_centroid_of_their_points(seed, size, weigh
     weights = rng.uniform(0.5, 2, 60) if weighted else None
     w = np.ones(60) if weights is None else weights
     found = voxel_means(points, weights, size)
-    cells = np.floor(points / size)
+    cells = np.floor(points / size + 0.5)
     unique = np.unique(cells, axis=0)
     assert len(found.centroids) == len(unique)
     for cell, centroid, weight in zip(unique, found.centroids, found.weights, strict=True):
@@ -423,7 +423,7 @@ def test_a_part_without_a_landmark_is_given_the_median_without_confidence():
 def test_a_line_of_points_still_has_a_radius():
     points = np.linspace([0.0, 0, 0], [1, 0, 0], 101)
     spacing = np.median(surface_graph(points, 8, 0).graph.data)
-    np.testing.assert_allclose(radius_of(points).radius, 0.5 * spacing)
+    np.testing.assert_allclose(radius_of(points).radius, spacing)
 
 
 def test_the_radius_grows_by_no_more_than_the_slope():
@@ -445,7 +445,9 @@ def test_farthest_points_are_those_of_brute_force(plain, first):
     wanted, distance = [first], cdist(points, points)
     for _ in range(19):
         wanted.append(int(np.argmax(distance[:, wanted].min(axis=1))))
-    found = (farthest_points.py_func if plain else farthest_points)(points, 20, first)
+    found = (farthest_points.py_func if plain else farthest_points)(
+        points, np.ones(50), 20, 0.0, first
+    )
     assert found.tolist() == wanted
 
 
@@ -541,3 +543,15 @@ def test_a_patch_that_never_closes_takes_the_whole_part(plain):
     )  # fmt: skip
     assert reach[0] == np.inf
     assert scale[0] == pytest.approx(np.sqrt(2 * np.linalg.eigvalsh(np.cov(points.T, ddof=0))[1]))
+
+
+@BOTH
+def test_farthest_points_end_when_every_point_has_one_near(plain):
+    points = np.random.default_rng(1).uniform(0, 1, (80, 3))
+    scale = np.random.default_rng(2).uniform(0.5, 2, 80)
+    choose = farthest_points.py_func if plain else farthest_points
+    found = choose(points, scale, 80, 0.3, 4)
+    distance = cdist(points, points[found]) / scale[:, None]
+    assert len(found) < 80
+    assert distance.min(axis=1).max() <= 0.3
+    assert (distance[:, :-1].min(axis=1) > 0.3).any()

@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
 from mdcs_pipeline.kernels import assignment
-from mdcs_pipeline.kernels.bridging import BridgeRule, End, bridges, open_ends
+from mdcs_pipeline.kernels.bridging import BridgeRule, End, bridges, open_ends, stretched
 from mdcs_pipeline.kernels.compiled.shares import top_shares
 from mdcs_pipeline.kernels.contact import contacts, relative_contact
 from mdcs_pipeline.kernels.cycles import neighbour_sets, on_cycles, short_cycles, strip_branches
@@ -726,24 +726,23 @@ def test_a_capped_end_is_closed_and_a_cut_one_is_open():
 def test_the_two_sides_of_a_hole_are_bridged():
     points, nodes, edges = cut_line(0.41, 0.64)
     ends = ends_of(points, nodes, edges)
-    built = bridges(nodes, np.full(len(nodes), 0.1), edges, ends, BridgeRule(openness=0.9))
+    built = bridges(nodes, edges, ends, BridgeRule(openness=0.9))
     assert nodes[built[0], 0].tolist() == pytest.approx([0.4, 0.65])
     assert len(built) == 1
     # Too far, in radii.
     short = BridgeRule(openness=0.9, reach=2.0)
-    assert bridges(nodes, np.full(len(nodes), 0.1), edges, ends, short).shape == (0, 2)
+    assert bridges(nodes, edges, ends, short).shape == (0, 2)
 
 
 def end(node: int, place, outward, radius: float = 0.1, openness: float = 1.0) -> End:
     outward = np.array(outward, float) / np.linalg.norm(outward)
-    return End(node, np.array(place, float), outward, radius, openness)
+    return End(node, np.array(place, float), outward, radius, openness, radius)
 
 
 def bridged(ends: list[End], extra=(), rule: BridgeRule | None = None) -> list[list[int]]:
     """Bridges between ends that are each a piece of their own."""
     nodes = np.array([e.place for e in ends] + [list(map(float, p)) for p in extra])
-    scale = np.full(len(nodes), 0.1)
-    return bridges(nodes, scale, NONE, ends, rule or BridgeRule(aim=0.99)).tolist()
+    return bridges(nodes, NONE, ends, rule or BridgeRule(aim=0.99)).tolist()
 
 
 def test_only_open_ends_of_like_radius_that_face_each_other_are_joined():
@@ -785,3 +784,13 @@ def test_an_end_without_points_or_length_is_none():
     assert open_ends(flat, np.ones(2), np.array([[0, 1]]), points, owner) == []
     few = open_ends(nodes, np.full(len(nodes), 0.1), edges, points[:3], owner[:3])
     assert few == []
+
+
+def test_ends_are_stretched_to_one_radius_before_the_tip():
+    nodes = np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0]])
+    ends = [
+        end(0, nodes[0], [-1, 0, 0])._replace(extent=0.4),
+        end(2, nodes[2], [1, 0, 0])._replace(extent=0.05),
+    ]
+    wanted = [[-0.3, 0, 0], [1, 0, 0], [2, 0, 0]]
+    np.testing.assert_allclose(stretched(nodes, ends), wanted, atol=1e-12)

@@ -59,7 +59,8 @@ def show_summary(done: list[Done], sequence: bool) -> None:
         show(table)
         _list_outputs(done)
         return
-    table = Table(box=None, pad_edge=False)
+    # Ten columns fit a terminal of 80 letters only when set close.
+    table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
     table.add_column("frame", overflow="fold")
     facts = [_facts(item) for item in done]
     names = [name for name in facts[0] if name != "not settled"]

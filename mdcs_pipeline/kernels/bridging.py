@@ -33,6 +33,8 @@ class End(NamedTuple):
     openness : float
         Median distance of the outermost points from the axis, in that radius: about 1 at the
         rim of an open pipe, less where the limb closes.
+    extent : float
+        How far beyond the node its limb's points reach.
     """
 
     node: int
@@ -40,6 +42,7 @@ class End(NamedTuple):
     outward: FloatArray
     radius: float
     openness: float
+    extent: float
 
 
 class BridgeRule(NamedTuple):
@@ -107,15 +110,14 @@ def open_ends(
         along = mine @ outward
         across = np.linalg.norm(mine - along[:, None] * outward, axis=1)
         radius = float(np.median(across))
-        rim = along > np.quantile(along, 0.97) - 0.5 * radius
+        extent = float(np.quantile(along, 0.97))
+        rim = along > extent - 0.5 * radius
         openness = float(np.median(across[rim])) / max(radius, np.finfo(float).tiny)
-        ends.append(End(leaf, nodes[leaf], outward, radius, openness))
+        ends.append(End(leaf, nodes[leaf], outward, radius, openness, extent))
     return ends
 
 
-def bridges(
-    nodes: FloatArray, pairs: IntArray, ends: list[End], rule: BridgeRule
-) -> IntArray:
+def bridges(nodes: FloatArray, pairs: IntArray, ends: list[End], rule: BridgeRule) -> IntArray:
     """Return edges that join open ends to each other, or to what they aim at.
 
     Two open ends are joined when each lies ahead of the other, shortest bridges first, each
@@ -175,3 +177,24 @@ def _ahead(end: End, nodes: FloatArray, allowed: NDArray[np.bool_], rule: Bridge
     if not fits.any():
         return None
     return int(np.argmin(np.where(fits, length / np.where(fits, cosine, 1.0), np.inf)))
+
+
+def stretched(nodes: FloatArray, ends: list[End]) -> FloatArray:
+    """Return the nodes with each end moved out to the centre of its limb's round tip.
+
+    A node at the end of a limb carries the limb's last stretch, and stands in the middle of
+    it. The medial axis goes on, to one radius before the tip.
+
+    Parameters
+    ----------
+    nodes : (m, 3) float64
+    ends : list of End
+
+    Returns
+    -------
+    (m, 3) float64
+    """
+    moved = nodes.copy()
+    for end in ends:
+        moved[end.node] += max(0.0, end.extent - end.radius) * end.outward
+    return moved

@@ -49,8 +49,8 @@ def filled_triangles(top: IntArray, shares: FloatArray, floor: float, points: in
 def open_triangles(nodes: FloatArray, pairs: IntArray, triangles: IntArray) -> IntArray:
     """Return the pairs without the longest edge of every filled triangle, longest first.
 
-    Dropping one edge of a filled triangle that still has all three is a collapse: it changes
-    neither the pieces nor the holes of the complex.
+    Pieces and true holes survive. Two filled triangles on one longest edge leave the rim of
+    their square: such a loop on the wall of something thick is what the check widens.
 
     Parameters
     ----------

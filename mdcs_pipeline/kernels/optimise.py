@@ -90,7 +90,9 @@ def optimise(
     transport = solve_free if descent.free else solve
     smoothing = None
     if edges is not None and descent.smoothing > 0:
-        smoothing = bending(edges, len(problem.nodes))
+        # Costs are in local radii: so must bends be, or thick parts would hardly be smoothed.
+        in_radii = sparse.diags_array(1.0 / problem.node_scale)
+        smoothing = sparse.csr_array(in_radii @ bending(edges, len(problem.nodes)))
     scales = problem.point_scale, problem.node_scale
     solution = transport(problem, potentials, accuracy)
     energy = [_objective(solution, problem, smoothing, descent.smoothing)]

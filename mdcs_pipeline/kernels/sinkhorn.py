@@ -35,7 +35,9 @@ class Accuracy(NamedTuple):
     tolerance : float
         L1 distance of the node marginal from ρ that ends the iteration.
     cut : float
-        Kernel entries below this share of a point's largest are left out.
+        Kernel entries below this share of a point's largest are left out. Total variation
+        of the plan against none left out, on a torus with ε from 0.001 to 0.02: 1e-3 costs
+        at most 1e-3, 1e-5 at most 1e-5, 1e-8 at most 3e-7.
     max_passes : int
         Bound on kernel passes.
     """

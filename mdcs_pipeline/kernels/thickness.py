@@ -73,7 +73,7 @@ def local_radius(
         graph.indptr, graph.indices, graph.data, points, mass, sources, radii, closed
     )
     # A cloud thinner than its sampling (a line of points) still needs a length to measure by.
-    scale = np.maximum(scale, 0.5 * spacing)
+    scale = np.maximum(scale, spacing)
     values = np.full(len(points), np.inf)
     values[sources] = _median_within(points[sources], scale)
     radius, carried = spread_minimum(graph.indptr, graph.indices, graph.data, values, slope)

@@ -50,7 +50,9 @@ def voxel_means(points: FloatArray, weights: FloatArray | None, size: float) -> 
     ValueError
         If the cloud spans more voxels than can be counted.
     """
-    cells = np.floor(points / size)
+    # The origin is a cell's centre: flat and straight clouds, which lie on planes through it,
+    # are not split by round-off.
+    cells = np.floor(points / size + 0.5)
     if len(cells) and np.abs(cells).max() > MAX_CELLS:
         raise ValueError(f"the cloud spans more than {MAX_CELLS} voxels of edge {size:.3g}")
     coded = (cells.astype(np.int64) + MAX_CELLS + 1) @ np.array(

@@ -38,7 +38,7 @@ class CheckSettings(Settings):
         0.01, ge=0, lt=1, description="Share from which a point counts as serving a node (IV.C)."
     )
     hops: int = Field(
-        2, ge=1, le=20, description="Width, in links of the surface, of the ring around a node."
+        3, ge=1, le=20, description="Width, in links of the surface, of the ring around a node."
     )
     overlap: float = Field(
         0.3,

@@ -6,6 +6,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field
+from scipy import sparse
 
 from mdcs_pipeline.arrays import IntArray
 from mdcs_pipeline.kernels.compiled.shares import top_shares
@@ -83,6 +84,7 @@ class Link(Stage[LinkSettings]):
         links = co_transport(wide, cloud.mass, 1e-3)
         top, shares = top_shares(plan.plan.indptr, plan.plan.indices, plan.plan.data, 6)
         near = np.ones(len(links.pairs))
+        touching = None
         if surface is not None:
             touching = contacts(surface.graph, top[:, 0], len(nodes))
             near = relative_contact(touching, links.pairs)
@@ -90,4 +92,20 @@ class Link(Stage[LinkSettings]):
         filled = filled_triangles(top, shares, settings.least_share, settings.common_points)
         edges = open_triangles(nodes.positions, links.pairs[strong], filled)
         joining = Links(links.pairs[near > 0], links.strength[near > 0])
+        if touching is not None:
+            joining = self._with_contacts(joining, touching)
         return spanning_links(len(nodes), edges, joining, settings.joining)
+
+    def _with_contacts(self, links: Links, touching: sparse.csr_array) -> Links:
+        """Return the links, and weakest of all the pairs that only touch on the surface.
+
+        What hangs together on the surface is one piece, even where gaps in the sampling are
+        wider than the plan reaches.
+        """
+        upper = sparse.coo_array(sparse.triu(touching, k=1))
+        pairs = np.stack([upper.row, upper.col], axis=1).astype(np.int64)
+        firm = pairs[relative_contact(touching, pairs) >= self.settings.contact]
+        strength = np.full(len(firm), self.settings.joining)
+        return Links(
+            np.concatenate([links.pairs, firm]), np.concatenate([links.strength, strength])
+        )

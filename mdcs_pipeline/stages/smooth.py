@@ -10,6 +10,8 @@ from pydantic import Field
 from scipy.spatial import cKDTree
 
 from mdcs_pipeline.kernels.assignment import owners
+from mdcs_pipeline.kernels.bridging import open_ends, stretched
+from mdcs_pipeline.kernels.compiled.shares import top_shares
 from mdcs_pipeline.kernels.energy import mean_distance
 from mdcs_pipeline.kernels.insertion import Refined, insert_points
 from mdcs_pipeline.kernels.optimise import Descent, Optimised, optimise
@@ -31,10 +33,13 @@ class SmoothSettings(Settings):
         0.01, ge=0, description="The loop ends when a step lowers the objective by less, in ε."
     )
     narrowing: float = Field(
-        0.5,
+        0.25,
         gt=0,
         le=1,
         description="ε of the final plan, in that of the rough skeleton: nodes stand closer now.",
+    )
+    stretch: bool = Field(
+        True, description="Whether ends first move out to the centre of their limb's tip."
     )
     insert: bool = Field(True, description="Whether points are inserted into edges (Eq. 7).")
     least_spacing: float = Field(
@@ -76,7 +81,7 @@ class Smooth(Stage[SmoothSettings]):
 
         `points` are those that `assign` names nodes for; without them, those of the cloud.
         """
-        refined = self._refine(rough)
+        refined = self._refine(cloud, rough)
         found = self._optimise(cloud, rough, thickness, refined)
         solution, nodes = found.solution, found.problem.nodes
         received = np.bincount(solution.plan.indices, solution.plan.data, minlength=len(nodes))
@@ -101,15 +106,21 @@ class Smooth(Stage[SmoothSettings]):
         )
         return Smoothed(skeleton)
 
-    def _refine(self, rough: RoughSkeleton) -> Refined:
+    def _refine(self, cloud: MassCloud, rough: RoughSkeleton) -> Refined:
         nodes, edges = rough.nodes, rough.edges
+        positions = nodes.positions
+        if self.settings.stretch:
+            plan = rough.plan.plan
+            owner = top_shares(plan.indptr, plan.indices, plan.data, 1)[0][:, 0]
+            ends = open_ends(positions, nodes.scale, edges, cloud.positions, owner)
+            positions = stretched(positions, ends)
         values = np.stack([nodes.mass, nodes.scale, nodes.potentials], axis=1)
         if not (self.settings.insert and len(edges)):
-            return Refined(nodes.positions, values, edges)
-        ends = nodes.positions[edges]
-        length = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
+            return Refined(positions, values, edges)
+        places = positions[edges]
+        length = np.linalg.norm(places[:, 0] - places[:, 1], axis=1)
         spacing = max(float(length.min()), self.settings.least_spacing * float(np.median(length)))
-        return insert_points(nodes.positions, values, edges, spacing)
+        return insert_points(positions, values, edges, spacing)
 
     def _optimise(
         self,

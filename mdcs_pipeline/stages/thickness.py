@@ -15,7 +15,7 @@ class ThicknessSettings(Settings):
     """Settings of `LocalThickness`."""
 
     landmarks: int = Field(
-        400, ge=8, le=100_000, description="Points at which patches are grown, spread evenly."
+        1000, ge=8, le=100_000, description="Points at which patches are grown, spread evenly."
     )
     closed: float = Field(
         0.06,
