@@ -90,7 +90,7 @@ def _config_bytes(config: str | Path) -> tuple[bytes, str]:
         raise ConfigError(
             f"unknown configuration '{config}'",
             received=f"shipped are: {', '.join(names) or 'none'}",
-            remedy=f"{suggestion(str(config), names)}, or give the path of a YAML file",
+            remedy=f"{suggestion(str(config), names)} (or give the path of a YAML file)",
         )
     try:
         return path.read_bytes(), str(path)
