@@ -102,11 +102,6 @@ def write_text(text: str, path: Path) -> None:
 
 def write_bytes(data: bytes, path: Path) -> None:
     """Write a file, whole or not at all."""
-    from mdcs_pipeline.io.atomic import write_atomically
+    from mdcs_pipeline.io.atomic import write_or_refuse
 
-    try:
-        write_atomically(path, data)
-    except OSError as error:
-        raise OutputError(
-            "the file cannot be written", where=str(path), received=str(error)
-        ) from error
+    write_or_refuse(path, data)

@@ -6,6 +6,8 @@ import os
 import secrets
 from pathlib import Path
 
+from mdcs_pipeline.errors import OutputError
+
 
 def write_atomically(path: Path, data: bytes) -> None:
     """Put `data` into the file `path`, or leave everything as it was.
@@ -34,3 +36,19 @@ def write_atomically(path: Path, data: bytes) -> None:
     except BaseException:
         temporary.unlink(missing_ok=True)
         raise
+
+
+def write_or_refuse(path: Path, data: bytes) -> None:
+    """Put `data` into the file `path`, whole or not at all.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be written.
+    """
+    try:
+        write_atomically(path, data)
+    except OSError as error:
+        raise OutputError(
+            "the file cannot be written", where=str(path), received=str(error)
+        ) from error

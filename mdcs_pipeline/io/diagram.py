@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from mdcs_pipeline.errors import MissingExtraError, OutputError
-from mdcs_pipeline.io.atomic import write_atomically
+from mdcs_pipeline.io.atomic import write_or_refuse
 
 DIAGRAM_SUFFIXES = (".svg", ".png")
 
@@ -76,13 +76,7 @@ def draw_diagram(boxes: Sequence[Box], arrows: Sequence[Arrow], path: Path) -> N
             where=str(path),
             remedy="known suffixes: " + ", ".join(DIAGRAM_SUFFIXES),
         )
-    data = _picture(boxes, _joined(arrows), suffix[1:])
-    try:
-        write_atomically(path, data)
-    except OSError as error:
-        raise OutputError(
-            "the file cannot be written", where=str(path), received=str(error)
-        ) from error
+    write_or_refuse(path, _picture(boxes, _joined(arrows), suffix[1:]))
 
 
 def _picture(boxes: Sequence[Box], arrows: Sequence[Arrow], form: str) -> bytes:

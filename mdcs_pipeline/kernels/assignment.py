@@ -4,12 +4,20 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 from scipy.spatial.distance import cdist
+
+from mdcs_pipeline.kernels.compiled.shares import top_shares
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 _BLOCK = 1 << 22
+
+
+def plan_owners(plan: sparse.csr_array) -> IntArray:
+    """Return the node that each point of a plan (n, m) gives most of its mass to, (n,) int64."""
+    return top_shares(plan.indptr, plan.indices, plan.data, 1)[0][:, 0]
 
 
 def owners(

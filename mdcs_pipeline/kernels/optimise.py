@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +34,7 @@ class Descent(NamedTuple):
         λ of Eq. 1.
     """
 
-    power: int = 2
+    power: Literal[1, 2] = 2
     step: float = 0.1
     max_steps: int = 30
     settle: float = 1e-2

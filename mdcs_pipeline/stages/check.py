@@ -10,7 +10,7 @@ from pydantic import Field
 
 from mdcs_pipeline.arrays import BoolArray
 from mdcs_pipeline.errors import InputError
-from mdcs_pipeline.kernels.compiled.shares import top_shares
+from mdcs_pipeline.kernels.assignment import plan_owners
 from mdcs_pipeline.kernels.separation import Rings, false_loops
 from mdcs_pipeline.kernels.symmetry import asymmetry, false_cycle_nodes
 from mdcs_pipeline.messages import MassCloud, Nodes, RoughSkeleton, Surface, Thickness
@@ -113,7 +113,7 @@ class Check(Stage[CheckSettings]):
         self, rough: RoughSkeleton, surface: Surface, thickness: Thickness
     ) -> Checked:
         settings, nodes, plan = self.settings, rough.nodes, rough.plan.plan
-        owner = top_shares(plan.indptr, plan.indices, plan.data, 1)[0][:, 0]
+        owner = plan_owners(plan)
         rings = Rings(surface.graph, owner, settings.hops)
         loops = false_loops(len(nodes), rough.edges, rings, settings.overlap, settings.majority)
         if not loops:

@@ -16,6 +16,8 @@ from mdcs_pipeline.kernels.merging import close_pairs, inherited, merge, merging
 from mdcs_pipeline.messages import Nodes, TransportPlan
 from mdcs_pipeline.stage import Settings, Stage
 
+_RULE = LineRule()
+
 
 class MergeSettings(Settings):
     """Settings of `Merge`."""
@@ -26,16 +28,22 @@ class MergeSettings(Settings):
         "structures (section IV.B); spacing: until no two are closer than their local radius.",
     )
     two_share: float = Field(
-        0.99,
+        _RULE.two_share,
         gt=0.5,
         le=1,
         description="A point whose two largest shares together exceed this is line-like (IV.B).",
     )
     cosine: float = Field(
-        -0.9, ge=-1, le=0, description="Or whose three nodes stand at most at this cosine (IV.B)."
+        _RULE.cosine,
+        ge=-1,
+        le=0,
+        description="Or whose three nodes stand at most at this cosine (IV.B).",
     )
     majority: float = Field(
-        0.9, gt=0, le=1, description="Line-like share of a skeletal node's points (IV.B)."
+        _RULE.majority,
+        gt=0,
+        le=1,
+        description="Line-like share of a skeletal node's points (IV.B).",
     )
     noise: float = Field(
         0.1, ge=0, lt=1, description="Least shared mass of a connection, relative to both (IV.B)."

@@ -9,15 +9,17 @@ from numpy.typing import NDArray
 from pydantic import Field
 from scipy.spatial import cKDTree
 
-from mdcs_pipeline.kernels.assignment import owners
+from mdcs_pipeline.kernels.assignment import owners, plan_owners
 from mdcs_pipeline.kernels.bridging import open_ends, stretched
-from mdcs_pipeline.kernels.compiled.shares import top_shares
 from mdcs_pipeline.kernels.energy import mean_distance
 from mdcs_pipeline.kernels.insertion import Refined, insert_points
 from mdcs_pipeline.kernels.optimise import Descent, Optimised, optimise
 from mdcs_pipeline.kernels.sinkhorn import Accuracy, Problem, solve_free
 from mdcs_pipeline.messages import MassCloud, PointCloud, RoughSkeleton, Skeleton, Thickness
 from mdcs_pipeline.stage import Settings, Stage
+
+_ACCURACY = Accuracy()
+_DESCENT = Descent()
 
 
 class SmoothSettings(Settings):
@@ -26,11 +28,15 @@ class SmoothSettings(Settings):
     smoothing: float = Field(
         0.3, ge=0, lt=1, description="λ, weight of the Dirichlet term (Eq. 1, Table III)."
     )
-    theta: float = Field(0.1, gt=0, le=1, description="θ, relaxation of the update (Table III).")
-    power: Literal[1, 2] = Field(2, description="p of the node update (Eq. 12).")
+    theta: float = Field(
+        _DESCENT.step, gt=0, le=1, description="θ, relaxation of the update (Table III)."
+    )
+    power: Literal[1, 2] = Field(_DESCENT.power, description="p of the node update (Eq. 12).")
     max_steps: int = Field(100, ge=0, le=10_000, description="Bound on updates of the nodes.")
     settle: float = Field(
-        0.01, ge=0, description="The loop ends when a step lowers the objective by less, in ε."
+        _DESCENT.settle,
+        ge=0,
+        description="The loop ends when a step lowers the objective by less, in ε.",
     )
     narrowing: float = Field(
         0.25,
@@ -49,10 +55,16 @@ class SmoothSettings(Settings):
         "otherwise cut all others to its size.",
     )
     tolerance: float = Field(
-        1e-3, gt=0, le=0.5, description="L1 error of the node marginal that ends the iteration."
+        _ACCURACY.tolerance,
+        gt=0,
+        le=0.5,
+        description="L1 error of the node marginal that ends the iteration.",
     )
     cut: float = Field(
-        1e-5, gt=0, lt=1, description="Kernel entries below this share of a row's largest go."
+        _ACCURACY.cut,
+        gt=0,
+        lt=1,
+        description="Kernel entries below this share of a row's largest go.",
     )
     assign: bool = Field(
         False, description="Whether the result names the node of every input point."
@@ -110,8 +122,7 @@ class Smooth(Stage[SmoothSettings]):
         nodes, edges = rough.nodes, rough.edges
         positions = nodes.positions
         if self.settings.stretch:
-            plan = rough.plan.plan
-            owner = top_shares(plan.indptr, plan.indices, plan.data, 1)[0][:, 0]
+            owner = plan_owners(rough.plan.plan)
             ends = open_ends(positions, nodes.scale, edges, cloud.positions, owner)
             positions = stretched(positions, ends)
         values = np.stack([nodes.mass, nodes.scale, nodes.potentials], axis=1)

@@ -13,6 +13,9 @@ from mdcs_pipeline.kernels.sinkhorn import Accuracy, Problem
 from mdcs_pipeline.messages import MassCloud, Nodes, Thickness, TransportPlan
 from mdcs_pipeline.stage import Settings, Stage
 
+_ACCURACY = Accuracy()
+_DESCENT = Descent()
+
 
 class TransportSettings(Settings):
     """Settings of `Transport`."""
@@ -24,14 +27,22 @@ class TransportSettings(Settings):
         "unit and is in squares of the local radius.",
     )
     power: Literal[1, 2] = Field(
-        2, description="p of the node update: 1 draws to the median, 2 to the mean (Eq. 12)."
+        _DESCENT.power,
+        description="p of the node update: 1 draws to the median, 2 to the mean (Eq. 12).",
     )
-    theta: float = Field(0.1, gt=0, le=1, description="θ, relaxation of the update (Table III).")
+    theta: float = Field(
+        _DESCENT.step, gt=0, le=1, description="θ, relaxation of the update (Table III)."
+    )
     max_steps: int = Field(
-        30, ge=0, le=10_000, description="Bound on updates of the nodes; 0 only solves the plan."
+        _DESCENT.max_steps,
+        ge=0,
+        le=10_000,
+        description="Bound on updates of the nodes; 0 only solves the plan.",
     )
     settle: float = Field(
-        0.01, ge=0, description="Algorithm 2 ends when a step lowers the objective by less, in ε."
+        _DESCENT.settle,
+        ge=0,
+        description="Algorithm 2 ends when a step lowers the objective by less, in ε.",
     )
     marginals: Literal["balanced", "free"] = Field(
         "balanced",
@@ -39,12 +50,20 @@ class TransportSettings(Settings):
         "comes to it at its potential, and that becomes its mass.",
     )
     tolerance: float = Field(
-        1e-3, gt=0, le=0.5, description="L1 error of the node marginal that ends the iteration."
+        _ACCURACY.tolerance,
+        gt=0,
+        le=0.5,
+        description="L1 error of the node marginal that ends the iteration.",
     )
     cut: float = Field(
-        1e-5, gt=0, lt=1, description="Kernel entries below this share of a row's largest go."
+        _ACCURACY.cut,
+        gt=0,
+        lt=1,
+        description="Kernel entries below this share of a row's largest go.",
     )
-    max_passes: int = Field(2000, ge=1, description="Bound on kernel passes a solve.")
+    max_passes: int = Field(
+        _ACCURACY.max_passes, ge=1, description="Bound on kernel passes a solve."
+    )
 
 
 class TransportOutput(NamedTuple):
