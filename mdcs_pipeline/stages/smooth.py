@@ -10,7 +10,7 @@ from pydantic import Field
 from scipy.spatial import cKDTree
 
 from mdcs_pipeline.kernels.assignment import owners, plan_owners
-from mdcs_pipeline.kernels.bridging import open_ends, stretched
+from mdcs_pipeline.kernels.ends import limb_ends, lone_segments, stretched
 from mdcs_pipeline.kernels.energy import mean_distance
 from mdcs_pipeline.kernels.insertion import Refined, insert_points
 from mdcs_pipeline.kernels.optimise import Descent, Optimised, optimise
@@ -121,11 +121,16 @@ class Smooth(Stage[SmoothSettings]):
     def _refine(self, cloud: MassCloud, rough: RoughSkeleton) -> Refined:
         nodes, edges = rough.nodes, rough.edges
         positions = nodes.positions
+        values = np.stack([nodes.mass, nodes.scale, nodes.potentials], axis=1)
         if self.settings.stretch:
             owner = plan_owners(rough.plan.plan)
-            ends = open_ends(positions, nodes.scale, edges, cloud.positions, owner)
+            ends = limb_ends(positions, nodes.scale, edges, cloud.positions, owner)
             positions = stretched(positions, ends)
-        values = np.stack([nodes.mass, nodes.scale, nodes.potentials], axis=1)
+            for node, tips in lone_segments(nodes.positions, edges, cloud.positions, owner):
+                edges = np.concatenate([edges, [[node, len(positions)]]])
+                positions[node] = tips[0]
+                positions = np.concatenate([positions, tips[1:]])
+                values = np.concatenate([values, values[[node]]])
         if not (self.settings.insert and len(edges)):
             return Refined(positions, values, edges)
         places = positions[edges]

@@ -27,8 +27,8 @@ def closing_patches(
     sources: IntArray,
     radii: FloatArray,
     closed: float,
-) -> tuple[FloatArray, FloatArray]:
-    """Return √(2 λ2) of each source's geodesic ball where it has closed, and the ball's radius.
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return √(2 λ2) of each source's geodesic ball where it has closed, its radius and centre.
 
     A ball of radius s has closed at the first of `radii` with λ2 ≤ closed · s². Where it never
     does, the whole part's λ2 is taken and the radius is infinite.
@@ -36,6 +36,7 @@ def closing_patches(
     n = len(points)
     scale = np.empty(len(sources))
     reach = np.full(len(sources), np.inf)
+    centre = np.empty((len(sources), 3))
     distance = np.full(n, np.inf)
     keys = np.empty(len(indices) + 1)
     values = np.empty(len(indices) + 1, np.int64)
@@ -79,9 +80,11 @@ def closing_patches(
                     size = heap_push(keys, values, size, far, u)
         if reach[q] == np.inf:
             scale[q] = np.sqrt(2.0 * middle_variance(total, first, second))
+        for a in range(3):
+            centre[q, a] = points[source, a] + first[a] / total
         for k in range(count):
             distance[touched[k]] = np.inf
-    return scale, reach
+    return scale, reach, centre
 
 
 @njit(cache=True, nogil=True)
@@ -91,16 +94,21 @@ def spread_minimum(
     lengths: FloatArray,
     values: FloatArray,
     slope: float,
-) -> tuple[FloatArray, FloatArray]:
-    """Return min over points l of values_l + slope · geodesic distance, and that distance."""
+) -> tuple[FloatArray, FloatArray, IntArray]:
+    """Return min over points l of values_l + slope · geodesic distance, that distance, and l.
+
+    l is -1 where no value reaches.
+    """
     n = len(values)
     result = values.copy()
     carried = np.zeros(n)
+    origin = np.full(n, -1)
     keys = np.empty(len(indices) + n + 1)
     heap = np.empty(len(indices) + n + 1, np.int64)
     size = 0
     for v in range(n):
         if values[v] < np.inf:
+            origin[v] = v
             size = heap_push(keys, heap, size, values[v], v)
     while size > 0:
         near, v = keys[0], heap[0]
@@ -113,5 +121,6 @@ def spread_minimum(
             if far < result[u]:
                 result[u] = far
                 carried[u] = carried[v] + lengths[k]
+                origin[u] = origin[v]
                 size = heap_push(keys, heap, size, far, u)
-    return result, carried
+    return result, carried, origin
