@@ -118,11 +118,11 @@ def as_plan(
 ) -> TransportPlan:
     """Return the message for an optimised problem that started from `nodes`."""
     solution, problem = found.solution, found.problem
-    received = np.bincount(solution.plan.indices, solution.plan.data, minlength=len(nodes))
+    received = found.carried.received
     scale = nodes.scale
     if thickness is not None:
-        carried = solution.plan.T @ thickness.radius
-        scale = np.where(received > 0, carried / np.where(received > 0, received, 1.0), scale)
+        served = received > 0
+        scale = np.where(served, found.carried.scale / np.where(served, received, 1.0), scale)
     moved = replace(
         nodes,
         positions=problem.nodes,
