@@ -42,8 +42,14 @@ def filled_triangles(top: IntArray, shares: FloatArray, floor: float, points: in
     found = np.sort(np.concatenate(triples), axis=1) if triples else np.empty((0, 3), np.int64)
     if not len(found):
         return np.empty((0, 3), np.int64)
-    unique, counts = np.unique(found, axis=0, return_counts=True)
-    return np.asarray(unique[counts >= points], dtype=np.int64)
+    # One number a triple sorts many times faster than rows do.
+    base = int(found.max()) + 1
+    if base >= 1 << 20:
+        raise OverflowError(f"{base} nodes are more than triples of them can be numbered for")
+    named = (found[:, 0] * base + found[:, 1]) * base + found[:, 2]
+    unique, counts = np.unique(named, return_counts=True)
+    kept = unique[counts >= points]
+    return np.stack([kept // (base * base), kept // base % base, kept % base], axis=1)
 
 
 def open_triangles(nodes: FloatArray, pairs: IntArray, triangles: IntArray) -> IntArray:

@@ -11,7 +11,6 @@ from scipy import sparse
 from mdcs_pipeline.kernels.energy import bending_energy
 from mdcs_pipeline.kernels.sinkhorn import (
     Accuracy,
-    Carried,
     Coupling,
     Problem,
     Solution,
@@ -57,10 +56,10 @@ class Optimised(NamedTuple):
     ----------
     problem : Problem
         With the final nodes.
-    solution : Solution
+    coupling : Coupling
         The plan for them; its passes are those of all steps.
-    carried : Carried
-        What it brings to each node.
+    accuracy : Accuracy
+        To which it was solved.
     energy : tuple of float
         The objective after each step, the first before any.
     settled : bool
@@ -68,10 +67,14 @@ class Optimised(NamedTuple):
     """
 
     problem: Problem
-    solution: Solution
-    carried: Carried
+    coupling: Coupling
+    accuracy: Accuracy
     energy: tuple[float, ...]
     settled: bool
+
+    def written(self) -> Solution:
+        """Return the solution with its plan, which is written out anew at every call."""
+        return self.coupling.solution(self.problem.epsilon, self.accuracy)
 
 
 def optimise(
@@ -118,8 +121,7 @@ def optimise(
         if energy[-2] - energy[-1] < descent.settle * problem.epsilon:
             settled = True
             break
-    solution = found.solution(problem.epsilon, accuracy)._replace(passes=passes)
-    return Optimised(problem, solution, found.carried, tuple(energy), settled)
+    return Optimised(problem, found._replace(passes=passes), accuracy, tuple(energy), settled)
 
 
 def _pulled(found: Coupling, problem: Problem, accuracy: Accuracy, power: int) -> Pull:

@@ -117,28 +117,28 @@ def as_plan(
     found: Optimised, nodes: Nodes, thickness: Thickness | None, free: bool
 ) -> TransportPlan:
     """Return the message for an optimised problem that started from `nodes`."""
-    solution, problem = found.solution, found.problem
-    received = found.carried.received
+    coupling, problem = found.coupling, found.problem
+    received = coupling.carried.received
     scale = nodes.scale
     if thickness is not None:
         served = received > 0
-        scale = np.where(served, found.carried.scale / np.where(served, received, 1.0), scale)
+        scale = np.where(served, coupling.carried.scale / np.where(served, received, 1.0), scale)
     moved = replace(
         nodes,
         positions=problem.nodes,
         mass=received / received.sum() if free else nodes.mass,
-        potentials=solution.node_potentials,
+        potentials=coupling.node_potentials,
         epsilon=problem.epsilon,
         scale=scale,
     )
-    return TransportPlan(
+    return TransportPlan.late(
+        lambda: found.written().plan,
         nodes=moved,
-        plan=solution.plan,
-        point_potentials=solution.point_potentials,
+        point_potentials=coupling.point_potentials,
         epsilon=problem.epsilon,
-        iterations=solution.passes,
-        marginal_error=solution.marginal_error,
-        converged=solution.converged,
+        iterations=coupling.passes,
+        marginal_error=coupling.marginal_error,
+        converged=coupling.converged,
         warm=bool(np.any(nodes.potentials)),
         energy=found.energy,
     )
