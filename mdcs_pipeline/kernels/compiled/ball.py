@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from mdcs_pipeline.kernels.compiled.heap import heap_drop, heap_push
 from mdcs_pipeline.kernels.compiled.types import FloatArray, IntArray
@@ -62,13 +63,13 @@ def ball_around(
 @njit(cache=True, nogil=True)
 def local_graph(
     indptr: IntArray, indices: IntArray, lengths: FloatArray, ball: IntArray, place: IntArray
-) -> tuple[IntArray, IntArray, FloatArray]:
-    """Return the links between the points of a ball, CSR, by their numbers in it."""
+) -> tuple[IntArray, IntArray, NDArray[np.float32]]:
+    """Return the links between the points of a ball, CSR, by their numbers in it; lengths in float32."""
     starts = np.zeros(len(ball) + 1, np.int64)
     most = 0
     for v in ball:
         most += indptr[v + 1] - indptr[v]
-    ends, away = np.empty(most, np.int64), np.empty(most)
+    ends, away = np.empty(most, np.int32), np.empty(most, np.float32)
     count = 0
     for k in range(len(ball)):
         v = ball[k]

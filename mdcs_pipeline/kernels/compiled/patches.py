@@ -6,22 +6,27 @@ distances, and what a heap would order is set right by a few sweeps.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from mdcs_pipeline.kernels.compiled.ball import ball_around, local_graph
 from mdcs_pipeline.kernels.compiled.boxes import box_order
 from mdcs_pipeline.kernels.compiled.heap import heap_drop, heap_push
-from mdcs_pipeline.kernels.compiled.types import BoolArray, FloatArray, IntArray
+from mdcs_pipeline.kernels.compiled.types import FloatArray, IntArray
 
 # Sources whose patches grow together: a few vectors of distances.
 LANES = 32
+# Sources that share a ball of the graph.
+_SHARING = 2 * LANES
 # Points that are set right before the next are looked at. All sources lie within it, mostly:
 # farther out ways lead outwards, and one visit is nearly enough.
 _WINDOW = 2048
 # A patch's moments: Σ m, Σ m x, y, z and Σ m xx, xy, xz, yy, yz, zz.
 _MOMENTS = 10
-_FAR = 1e300
+_FAR = np.float32(1e30)
 
 
 @njit(cache=True, nogil=True)
@@ -67,28 +72,35 @@ def _rotated(
 
 
 @njit(cache=True, nogil=True, fastmath=True)
-def _shorten(own: FloatArray, length: float, theirs: FloatArray) -> float:
+def _shorten(own: Any, length: Any, theirs: Any) -> Any:
     """Lower `theirs` to own + length where that is shorter, and return by how much in all."""
-    gain = 0.0
+    gain = zero = length - length
     for k in range(len(theirs)):
         way = own[k] + length
-        gain += max(theirs[k] - way, 0.0)
+        gain += max(theirs[k] - way, zero)
         theirs[k] = min(theirs[k], way)
     return gain
 
 
 @njit(cache=True, nogil=True)
 def sweep_distances(
-    indptr: IntArray, indices: IntArray, lengths: FloatArray, distance: FloatArray, dirty: BoolArray
-) -> None:
-    """Lower `distance`, (k, lanes), to the shortest ways over links from where it starts.
+    links: tuple[IntArray, IntArray, FloatArray], starts: IntArray
+) -> NDArray[np.float32]:
+    """Return the shortest ways from each of `starts` to all points, (k, LANES) float32.
 
     Points lie in the order of their distance from the middle of the sources, and most ways
-    lead outwards: swept window by window, few points are visited more than twice. `dirty`
-    names those to start from.
+    lead outwards: swept window by window, few points are visited more than twice. Ways are
+    exact but for float32, whose last digit is a ten-thousandth of a link.
     """
+    indptr, indices, lengths = links
+    distance = np.full((len(indptr) - 1, LANES), _FAR)
+    dirty = np.zeros(len(indptr) - 1, np.bool_)
+    for k in range(len(starts)):
+        if starts[k] >= 0:
+            distance[starts[k], k] = 0.0
+            dirty[starts[k]] = True
     n, first = len(dirty), 0
-    own = np.empty(distance.shape[1])
+    own = np.empty(LANES, np.float32)
     ahead = True
     while first < n or dirty.any():
         # A way may lead back into the window before; what led farther is found at the end.
@@ -108,6 +120,7 @@ def sweep_distances(
                         dirty[indices[e]] = True
             ahead = not ahead
         first += _WINDOW
+    return distance
 
 
 @njit(cache=True, nogil=True, fastmath=True)
@@ -118,25 +131,25 @@ def _add(moments: FloatArray, to: FloatArray) -> None:
 
 @njit(cache=True, nogil=True)
 def ring_moments(
-    distance: FloatArray, places: FloatArray, mass: FloatArray, radii: FloatArray
+    distance: NDArray[np.float32], places: FloatArray, mass: FloatArray, radii: FloatArray
 ) -> tuple[FloatArray, IntArray]:
     """Return the moments of the points between each two radii, for every lane.
 
     Returns
     -------
-    rings : (lanes, len(radii) + 1, 16) float64
-        The last ring is what lies beyond all radii; columns past `_MOMENTS` mean nothing.
+    rings : (lanes, len(radii) + 1, 10) float64
+        The last ring is what lies beyond all radii.
     counts : (lanes, len(radii) + 1) int64
         Points in each ring.
     """
     n, lanes = distance.shape
-    rings = np.zeros((lanes, len(radii) + 1, 16))
+    rings = np.zeros((lanes, len(radii) + 1, _MOMENTS))
     counts = np.zeros((lanes, len(radii) + 1), np.int64)
     cells = 4096
     step = radii[-1] / cells
     # The first radius that a distance in each small cell may lie within.
     first = np.searchsorted(radii, np.arange(cells + 2) * step)
-    moments = np.zeros(16)
+    moments = np.zeros(_MOMENTS)
     for v in range(n):
         x, y, z, m = places[v, 0], places[v, 1], places[v, 2], mass[v]
         moments[0], moments[1], moments[2], moments[3] = m, m * x, m * y, m * z
@@ -163,7 +176,7 @@ def closing_radius(
     A radius only counts where points lie beyond it. Balls wider than `sure` are not whole:
     the radius is then NaN. Where all are and none has closed, it is infinite.
     """
-    total = np.zeros(16)
+    total = np.zeros(_MOMENTS)
     beyond = counts.sum()
     for at in range(len(radii)):
         _add(rings[at], total)
@@ -200,19 +213,19 @@ def closing_patches(
     scale = np.zeros(len(sources))
     reach = np.full(len(sources), np.nan)
     place = np.full(len(points), -1)
-    todo, wanted = np.arange(len(sources)), radii[-1] / 8.0
+    todo, wanted = np.arange(len(sources)), radii[-1] / 3.0
     while len(todo) > 0:
         # What a ball was too small for waits for the next round, with others of its kind.
         order, widest = box_order(points[sources[todo]], LANES), wanted
-        for start in range(0, len(todo), LANES):
-            lanes = todo[order[start : start + LANES]]
+        for start in range(0, len(todo), _SHARING):
+            lanes = todo[order[start : start + _SHARING]]
             needed = _grow_together(
                 indptr, indices, lengths, points, mass, sources, radii, closed, lanes, wanted,
                 place, scale, reach,
             )  # fmt: skip
             widest = max(widest, wanted)
-            # Neighbours close at like sizes.
-            wanted = needed if needed > 0.0 else wanted
+            # Neighbours close at like sizes; a ball too small is grown in vain.
+            wanted = max(0.8 * wanted, needed) if needed > 0.0 else wanted
         todo, wanted = todo[np.isnan(reach[todo])], 2.0 * widest
     return scale, reach
 
@@ -242,29 +255,25 @@ def _grow_together(
     """
     centre = sources[lanes[0]]
     ball, from_centre, whole = ball_around(indptr, indices, lengths, centre, wanted, place)
-    near_ptr, near, away = local_graph(indptr, indices, lengths, ball, place)
-    distance = np.full((len(ball), LANES), _FAR)
-    dirty = np.zeros(len(ball), np.bool_)
-    for k in range(len(lanes)):
-        at = place[sources[lanes[k]]]
-        if at >= 0:
-            distance[at, k] = 0.0
-            dirty[at] = True
-    sweep_distances(near_ptr, near, away, distance, dirty)
-    rings, counts = ring_moments(distance, points[ball] - points[centre], mass[ball], radii)
+    links = local_graph(indptr, indices, lengths, ball, place)
+    places, masses = points[ball] - points[centre], mass[ball]
     widest = 0.0
-    for k in range(len(lanes)):
-        at = place[sources[lanes[k]]]
-        if at < 0:
-            # In another part, or out of reach of this ball.
-            continue
-        sure = np.inf if whole else wanted - from_centre[at]
-        scale[lanes[k]], reach[lanes[k]] = closing_radius(rings[k], counts[k], radii, closed, sure)
-        if reach[lanes[k]] < np.inf:
-            widest = max(widest, reach[lanes[k]] + from_centre[at])
+    for first in range(0, len(lanes), LANES):
+        some = lanes[first : first + LANES]
+        starts = place[sources[some]]
+        distance = sweep_distances(links, starts)
+        rings, counts = ring_moments(distance, places, masses, radii)
+        for k in range(len(some)):
+            # Others lie in another part, or out of reach of this ball.
+            if starts[k] >= 0:
+                sure = np.inf if whole else wanted - from_centre[starts[k]]
+                found = closing_radius(rings[k], counts[k], radii, closed, sure)
+                scale[some[k]], reach[some[k]] = found
+                if found[1] < np.inf:
+                    widest = max(widest, found[1] + from_centre[starts[k]])
     for v in ball:
         place[v] = -1
-    return 1.05 * widest
+    return 1.2 * widest
 
 
 @njit(cache=True, nogil=True)
