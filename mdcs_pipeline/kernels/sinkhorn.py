@@ -7,7 +7,7 @@ and the kernel is made again whenever the potentials have moved far.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,17 +54,22 @@ class Accuracy(NamedTuple):
         at most 1e-3, 1e-5 at most 1e-5, 1e-8 at most 3e-7.
     max_passes : int
         Bound on kernel passes.
+    precision : {"single", "double"}
+        Digits that the kernel is kept in; float32 only where tolerance and cut leave it room.
+        It halves time and memory, but small differences in the input can then end in
+        differences of the order of the tolerance.
     """
 
     tolerance: float = 1e-3
     cut: float = 1e-5
     max_passes: int = 2000
+    precision: Literal["single", "double"] = "single"
 
     @property
     def kind(self) -> type:
         """The type of number that kernels are kept in; float32 gives entries five digits."""
-        single = self.tolerance >= _SINGLE_TOLERANCE and self.cut >= _SINGLE_CUT
-        return np.float32 if single else np.float64
+        room = self.tolerance >= _SINGLE_TOLERANCE and self.cut >= _SINGLE_CUT
+        return np.float32 if room and self.precision == "single" else np.float64
 
 
 class Problem(NamedTuple):

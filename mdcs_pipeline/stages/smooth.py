@@ -66,6 +66,9 @@ class SmoothSettings(Settings):
         lt=1,
         description="Kernel entries below this share of a row's largest go.",
     )
+    precision: Literal["single", "double"] = Field(
+        _ACCURACY.precision, description="Numbers that the kernel is kept in, as in transport."
+    )
     assign: bool = Field(
         False, description="Whether the result names the node of every input point."
     )
@@ -151,7 +154,7 @@ class Smooth(Stage[SmoothSettings]):
             np.ones(len(cloud)) if thickness is None else thickness.radius,
             np.ones(count) if thickness is None else refined.values[:, 1],
         )
-        accuracy = Accuracy(settings.tolerance, settings.cut)
+        accuracy = Accuracy(settings.tolerance, settings.cut, precision=settings.precision)
         # Interpolated masses would be those of no plan: each node is given what reaches it.
         level = couple_free(problem, np.zeros(count), accuracy)
         floor = 1e-6 / count

@@ -64,6 +64,11 @@ class TransportSettings(Settings):
     max_passes: int = Field(
         _ACCURACY.max_passes, ge=1, description="Bound on kernel passes a solve."
     )
+    precision: Literal["single", "double"] = Field(
+        _ACCURACY.precision,
+        description="Numbers that the kernel is kept in; single is twice as fast, double keeps "
+        "the result of a balanced transport from changing with the last digits of the input.",
+    )
 
 
 class TransportOutput(NamedTuple):
@@ -100,7 +105,7 @@ class Transport(Stage[TransportSettings]):
         found = optimise(
             problem,
             nodes.potentials,
-            Accuracy(settings.tolerance, settings.cut, settings.max_passes),
+            Accuracy(settings.tolerance, settings.cut, settings.max_passes, settings.precision),
             Descent(
                 settings.power,
                 settings.theta,
