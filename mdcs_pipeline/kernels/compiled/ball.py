@@ -64,7 +64,7 @@ def ball_around(
 def local_graph(
     indptr: IntArray, indices: IntArray, lengths: FloatArray, ball: IntArray, place: IntArray
 ) -> tuple[IntArray, IntArray, NDArray[np.float32]]:
-    """Return the links between the points of a ball, CSR, by their numbers in it; lengths in float32."""
+    """Return the links between the points of a ball, CSR, by their numbers in it (float32)."""
     starts = np.zeros(len(ball) + 1, np.int64)
     most = 0
     for v in ball:
