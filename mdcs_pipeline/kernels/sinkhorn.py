@@ -31,7 +31,7 @@ from mdcs_pipeline.kernels.compiled.carried import carried_by_blocks, free_boxes
 
 FloatArray = NDArray[np.float64]
 
-DEPTH = 10
+DEPTH = 25
 CLIP = 15.0
 # How far, in ε, potentials may move before the kernel is made again around them.
 REFILL = 10.0
@@ -265,15 +265,28 @@ def couple(
         Its point marginal is exact, its node marginal within the tolerance where it converged.
     """
     boxes = problem.boxes() if boxes is None else boxes
-    passes = entries = 0
+    passes = entries = held = 0
+    error = before = np.inf
+    count = len(potentials)
+    # More steps than there are unknowns say nothing more.
+    depth = min(DEPTH, max(10, count // 4))
+    memory = np.zeros((depth + 1, count)), np.zeros((depth + 1, count)), np.zeros((depth, depth))
+    z = np.zeros(count)
     while True:
         sites, blocks, start, lifted = _start(problem, boxes, potentials, accuracy)
         names = sites.names
+        # Steps before are remembered from where scalings now count, unless nodes were raised
+        # or those steps have led nowhere.
+        held = 0 if lifted.any() or error >= before else held
+        before = error
+        memory[0][depth] -= z
         where = blocks.kernel, blocks.starts, blocks.indptr, blocks.indices, BOX
         target = problem.target[names]
         budget = accuracy.max_passes - passes
-        limits = accuracy.tolerance, budget, REFILL, DEPTH, CLIP
-        z, _, sums, used, error = iterate(*where, boxes.mass, target, lifted, *limits)
+        limits = accuracy.tolerance, budget, REFILL, CLIP
+        z, sums, used, error, held = iterate(
+            *where, boxes.mass, target, lifted, *limits, memory, held
+        )
         passes += used
         entries += used * len(blocks.kernel)
         potentials = start + problem.epsilon * _scattered(z, names)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
 from pydantic import Field
 
 from mdcs_pipeline.errors import InputError

@@ -96,31 +96,36 @@ def iterate(
     tolerance: float,
     budget: int,
     refill: float,
-    depth: int,
     clip: float,
-) -> tuple[FloatArray, FloatArray, FloatArray, int, float]:
+    memory: tuple[FloatArray, FloatArray, FloatArray],
+    held: int,
+) -> tuple[FloatArray, FloatArray, int, float, int]:
     """Run accelerated passes until the marginal is met, a drift of `refill`, or `budget`.
 
     Where the error rises to twice the best, it goes back to a plain step from the best
     point and forgets what it extrapolated from.
 
+    Parameters
+    ----------
+    memory, held
+        What `mixed_step` remembers, and how many steps; written to.
+
     Returns
     -------
     log_scaling : (m,) float64
-    received : (m,) float64
     sums : (n,) float64
         s_j for that scaling.
     passes : int
     error : float
-        L1 distance of `received` from `target`.
+        L1 distance of what nodes receive from `target`.
+    held : int
     """
     m = len(target)
     z, best = np.zeros(m), np.zeros(m)
     received, sums, residual = np.empty(m), np.empty(len(mass)), np.empty(m)
     root, logs = np.sqrt(target), np.log(target)
-    moves, turns = np.empty((depth + 1, m)), np.empty((depth + 1, m))
-    normal = np.zeros((depth, depth))
-    least, held, passes = np.inf, 0, 0
+    moves, turns, normal = memory
+    least, passes = np.inf, 0
     while True:
         # Padding names node 0 with entries 0. The largest scaling is 1: float32 could overflow.
         shift = z.max()
@@ -131,7 +136,7 @@ def iterate(
         far = drift(z, lifted) > refill
         if error <= tolerance or passes >= budget or far:
             sums *= np.exp(shift)
-            return z, received, sums, passes, error
+            return z, sums, passes, error, held
         for i in range(m):
             residual[i] = logs[i] - np.log(max(received[i], 1e-300))
         if error > 2.0 * least:

@@ -7,6 +7,9 @@ from numba import njit
 
 from mdcs_pipeline.kernels.compiled.types import FloatArray
 
+# Share of the trace that is added to the diagonal of the least squares.
+RIDGE = 1e-10
+
 
 @njit(cache=True, nogil=True)
 def solved(matrix: FloatArray, right: FloatArray) -> FloatArray:
@@ -91,7 +94,7 @@ def mixed_step(
         right[k] = _dot(turns[k], scaled)
     # Tikhonov term: the normal matrix turns singular as the iteration converges.
     system = normal[:used, :used].copy()
-    ridge = 1e-10 * np.trace(system) + 1e-300
+    ridge = RIDGE * np.trace(system) + 1e-300
     for k in range(used):
         system[k, k] += ridge
     gamma = solved(system, right)
