@@ -6,8 +6,6 @@ distances, and what a heap would order is set right by a few sweeps.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -15,10 +13,9 @@ from numpy.typing import NDArray
 from mdcs_pipeline.kernels.compiled.ball import ball_around, local_graph
 from mdcs_pipeline.kernels.compiled.boxes import box_order
 from mdcs_pipeline.kernels.compiled.heap import heap_drop, heap_push
+from mdcs_pipeline.kernels.compiled.lanes import LANES, relax_links
 from mdcs_pipeline.kernels.compiled.types import FloatArray, IntArray
 
-# Sources whose patches grow together: a few vectors of distances.
-LANES = 32
 # Sources that share a ball of the graph.
 _SHARING = 2 * LANES
 # Points that are set right before the next are looked at. All sources lie within it, mostly:
@@ -71,17 +68,6 @@ def _rotated(
     )
 
 
-@njit(cache=True, nogil=True, fastmath=True)
-def _shorten(own: Any, length: Any, theirs: Any) -> Any:
-    """Lower `theirs` to own + length where that is shorter, and return by how much in all."""
-    gain = zero = length - length
-    for k in range(len(theirs)):
-        way = own[k] + length
-        gain += max(theirs[k] - way, zero)
-        theirs[k] = min(theirs[k], way)
-    return gain
-
-
 @njit(cache=True, nogil=True)
 def sweep_distances(
     links: tuple[IntArray, IntArray, FloatArray], starts: IntArray
@@ -100,7 +86,6 @@ def sweep_distances(
             distance[starts[k], k] = 0.0
             dirty[starts[k]] = True
     n, first = len(dirty), 0
-    own = np.empty(LANES, np.float32)
     ahead = True
     while first < n or dirty.any():
         # A way may lead back into the window before; what led farther is found at the end.
@@ -114,10 +99,7 @@ def sweep_distances(
                     continue
                 dirty[v] = False
                 found = True
-                own[:] = distance[v]
-                for e in range(indptr[v], indptr[v + 1]):
-                    if _shorten(own, lengths[e], distance[indices[e]]) > 0.0:
-                        dirty[indices[e]] = True
+                relax_links(v, indptr[v], indptr[v + 1], indices, lengths, distance, dirty)
             ahead = not ahead
         first += _WINDOW
     return distance
