@@ -160,7 +160,7 @@ def filled(boxes: Boxes, nodes: Sites, epsilon: float, cut: float, kind: type) -
     lists = listed(boxes, nodes, -epsilon * np.log(cut))
     # More than will be used: pages that are never written to take no memory.
     most = BOX * (len(lists[1]) + 16 * len(boxes.low))
-    kernel = np.empty(most, kind)
+    kernel: NDArray[np.floating[Any]] = np.empty(most, kind)
     where = boxes.points, boxes.weight, BOX, boxes.centres, nodes.sites
     found = fill_blocks(*where, lists, epsilon, float(np.log(cut)), types_of(kind), kernel)
     return Blocks(kernel[: found[0][-1]], *found)

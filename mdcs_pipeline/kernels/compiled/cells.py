@@ -13,7 +13,7 @@ _FREE = np.int64(-1)
 
 
 @njit(cache=True, nogil=True)
-def _slot(table: IntArray, keys: IntArray, key: int) -> int:
+def _slot(table: IntArray, keys: IntArray, key: Any) -> Any:
     """Return where `key` is in a hash table of indices into `keys`, or where it would go."""
     mask = len(table) - 1
     # Fibonacci's multiplier spreads neighbouring cells; the high bits are the mixed ones.

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from llvmlite import ir
+from llvmlite import ir  # type: ignore[import-untyped]
 from numba import njit, types
 from numba.extending import intrinsic
 
@@ -20,10 +20,10 @@ _WIDTH = 16
 
 @intrinsic
 def _shorten(
-    typing_context: Any,
-    distance: Any,
-    source: Any,
-    target: Any,
+    typing_context: Any,  # noqa: ARG001
+    distance: Any,  # noqa: ARG001
+    source: Any,  # noqa: ARG001
+    target: Any,  # noqa: ARG001
     length: Any,  # noqa: ARG001
 ) -> tuple[Any, Any]:
     # distance[target] = min(distance[target], distance[source] + length); whether that changed.
@@ -73,5 +73,5 @@ def relax_links(
         Set where a row was lowered.
     """
     for e in range(first, last):
-        if _shorten(distance, v, indices[e], lengths[e]):
+        if _shorten(distance, v, indices[e], lengths[e]):  # type: ignore[call-arg]
             dirty[indices[e]] = True

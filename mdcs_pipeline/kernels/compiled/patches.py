@@ -43,7 +43,8 @@ def middle_eigenvalue(moments: FloatArray) -> float:
         a, b, d, e, f = _rotated(a, b, d, e, f)
         a, c, e, d, f = _rotated(a, c, e, d, f)
         b, c, f, d, e = _rotated(b, c, f, d, e)
-    return max(max(min(a, b), min(max(a, b), c)), 0.0)
+    middle: float = max(max(min(a, b), min(max(a, b), c)), 0.0)
+    return middle
 
 
 @njit(cache=True, nogil=True)
@@ -70,7 +71,7 @@ def _rotated(
 
 @njit(cache=True, nogil=True)
 def sweep_distances(
-    links: tuple[IntArray, IntArray, FloatArray], starts: IntArray
+    links: tuple[IntArray, IntArray, NDArray[np.float32]], starts: IntArray
 ) -> NDArray[np.float32]:
     """Return the shortest ways from each of `starts` to all points, (k, LANES) float32.
 
