@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
-NOTICE = "compiling the kernels, once: some 20 s (mdcs warmup does it ahead of time)"
+NOTICE = "compiling the kernels, once: some 30 s (mdcs warmup does it ahead of time)"
 
 
 def kernels_cached(folder: Path | None = None) -> bool:

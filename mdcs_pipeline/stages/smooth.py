@@ -67,7 +67,9 @@ class SmoothSettings(Settings):
         description="Kernel entries below this share of a row's largest go.",
     )
     precision: Literal["single", "double"] = Field(
-        _ACCURACY.precision, description="Numbers that the kernel is kept in, as in transport."
+        "double",
+        description="Numbers that the kernel is kept in; places are final here, and single "
+        "would move them with the last digits of the input.",
     )
     assign: bool = Field(
         False, description="Whether the result names the node of every input point."
