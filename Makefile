@@ -10,13 +10,14 @@ SYSTEM := libusb-1.0-0 libegl1 libgl1 libx11-6 libudev1 libidn2-0 libgomp1
 PACKAGING := pyproject.toml
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint clean bench-topology
+.PHONY: help demo test lint clean bench-topology bench-speed
 
 help:
 	@echo 'make demo            set up, and run the main job on a cloud of its own: out/demo'
 	@echo 'make test            set up, and run every check'
 	@echo 'make lint            the checks without the tests'
 	@echo 'make bench-topology  all of the topology benchmark (hours)'
+	@echo 'make bench-speed     the speed benchmark (about half an hour)'
 	@echo 'make clean           remove what was set up and made'
 
 demo: $(VENV)/.demo
@@ -34,6 +35,9 @@ lint: $(VENV)/.test
 bench-topology: $(VENV)/.test
 	$(BIN)/python -m benchmarks.topology --suites '.*' --seeds 3 --jobs $(JOBS) \
 	  --method mdcs:default --method mdcs:paper --sheet build/failures.png --readme
+
+bench-speed: $(VENV)/.test
+	$(BIN)/python -m benchmarks.speed --readme
 
 clean:
 	rm -rf .venv build dist out *.egg-info .coverage .pytest_cache .mypy_cache .ruff_cache \

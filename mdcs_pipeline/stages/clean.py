@@ -75,6 +75,8 @@ class Clean(Stage[CleanSettings]):
                 settings.far,
                 settings.round_from,
             )
+            if not lonely.any():
+                break
             keep = keep[~lonely]
         if settings.least_island > 0 and len(keep) > 4 * settings.neighbours:
             graph = surface_graph(positions[keep], settings.neighbours, 0).graph
