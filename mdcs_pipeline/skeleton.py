@@ -108,11 +108,15 @@ class Skeleton:
     def to_networkx(self) -> nx.Graph[int]:
         """Return a networkx graph with ``position``, ``mass`` and ``radius`` at its nodes.
 
-        Nodes are named by `node_ids`; edges carry their ``length`` in input units.
+        Nodes are named by `node_ids`; edges carry their ``length`` in input units, and the
+        graph ``frame_id``, ``stamp_ns`` and ``seq`` of the header.
         """
         import networkx as nx
 
-        graph: nx.Graph[int] = nx.Graph()
+        header = self.header
+        graph: nx.Graph[int] = nx.Graph(
+            frame_id=header.frame_id, stamp_ns=header.stamp_ns, seq=header.seq
+        )
         for name, position, mass, radius in zip(
             self.node_ids.tolist(), self.nodes, self.mass, self.radius, strict=True
         ):
