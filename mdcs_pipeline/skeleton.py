@@ -131,10 +131,25 @@ class Skeleton:
             graph.add_edge(int(self.node_ids[i]), int(self.node_ids[j]), length=length)
         return graph
 
-    def to_lineset(self) -> Any:
-        """Return an `open3d.geometry.LineSet`; needs the extra open3d or open3d-cpu."""
-        from mdcs_pipeline.io.open3d_bridge import line_set
+    def to_lineset(self, tensor: bool = False) -> Any:
+        """Return the skeleton as lines of Open3D, in memory of their own.
 
+        Parameters
+        ----------
+        tensor : bool
+            For an `open3d.t.geometry.LineSet`, whose points carry ``mass`` and ``radius``;
+            otherwise an `open3d.geometry.LineSet`.
+
+        Raises
+        ------
+        MissingExtraError
+            Without the extra open3d or open3d-cpu.
+        """
+        from mdcs_pipeline.io.open3d_bridge import line_set, tensor_line_set
+
+        if tensor:
+            values = {"mass": self.mass, "radius": self.radius}
+            return tensor_line_set(self.nodes, self.edges, **values)
         return line_set(self.nodes, self.edges)
 
     def save(self, path: str | Path) -> None:
