@@ -60,7 +60,7 @@ $(VENV)/.demo: $(PACKAGING) | $(VENV)/.venv
 	@touch $@
 
 $(VENV)/.test: $(PACKAGING) | $(VENV)/.venv
-	$(PIP) install -e '.[open3d-cpu,draw,test]'
+	$(PIP) install -e '.[open3d-cpu,draw,bags,test]'
 	@$(open3d-libraries)
 	@touch $@ $(VENV)/.demo
 
