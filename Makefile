@@ -1,4 +1,4 @@
-# Needs Python 3.11 or later and make. `make PYTHON=python3.12 VENV=/tmp/venv test` chooses others.
+# Needs Python 3.10 or later and make. `make PYTHON=python3.12 VENV=/tmp/venv test` chooses others.
 PYTHON ?= python3
 VENV ?= .venv
 SUDO ?=
@@ -10,12 +10,13 @@ SYSTEM := libusb-1.0-0 libegl1 libgl1 libx11-6 libudev1 libidn2-0 libgomp1
 PACKAGING := pyproject.toml
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint clean bench-topology
+.PHONY: help demo test lint package clean bench-topology
 
 help:
 	@echo 'make demo            set up, and run the main job on a cloud of its own: out/demo'
 	@echo 'make test            set up, and run every check'
 	@echo 'make lint            the checks without the tests'
+	@echo 'make package         build wheel and sdist, and use them under every Python there is'
 	@echo 'make bench-topology  all of the topology benchmark (hours)'
 	@echo 'make clean           remove what was set up and made'
 
@@ -31,6 +32,9 @@ lint: $(VENV)/.test
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
+package: $(VENV)/.test
+	$(BIN)/python tests/package_check.py --jobs $(JOBS)
+
 bench-topology: $(VENV)/.test
 	$(BIN)/python -m benchmarks.topology --suites '.*' --seeds 3 --jobs $(JOBS) \
 	  --method mdcs:default --method mdcs:paper --sheet build/failures.png --readme
@@ -42,8 +46,8 @@ clean:
 
 # The interpreter is tried first: an old one fails in pip with a message that names nothing.
 $(VENV)/.venv:
-	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
-	  echo "make: $(PYTHON) is missing or older than 3.11; name another: make PYTHON=python3.12" >&2; \
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10))' || { \
+	  echo "make: $(PYTHON) is missing or older than 3.10; name another: make PYTHON=python3.12" >&2; \
 	  exit 1; }
 	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || { \
 	  v=$$($(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2])'); \

@@ -6,7 +6,7 @@ import csv
 import io
 import json
 from dataclasses import asdict
-from enum import StrEnum
+from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from mdcs_pipeline.skeleton import Skeleton
 
 
-class Style(StrEnum):
+class Style(str, Enum):
     """How the measures are written."""
 
     text = "text"
@@ -27,7 +27,7 @@ class Style(StrEnum):
     json = "json"
 
 
-class Table(StrEnum):
+class Table(str, Enum):
     """What a CSV is of."""
 
     branches = "branches"
