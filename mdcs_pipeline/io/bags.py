@@ -25,7 +25,7 @@ POSES = (
 class Topic(NamedTuple):
     """One topic of a bag.
 
-    Parameters
+    Attributes
     ----------
     name : str
     type : str

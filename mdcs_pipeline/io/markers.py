@@ -25,7 +25,7 @@ _ID_BITS = 0x7FFFFFFF
 class MarkerValues(NamedTuple):
     """What a marker of a skeleton consists of.
 
-    Parameters
+    Attributes
     ----------
     ns : str
         ``edges`` or ``nodes``.

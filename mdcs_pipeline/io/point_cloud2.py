@@ -67,7 +67,7 @@ class PackedField:
 class PackedCloud(NamedTuple):
     """The values of a `sensor_msgs/PointCloud2`, without its header.
 
-    Parameters
+    Attributes
     ----------
     height, width : int
         1 and the number of points.
