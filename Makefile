@@ -10,12 +10,13 @@ SYSTEM := libusb-1.0-0 libegl1 libgl1 libx11-6 libudev1 libidn2-0 libgomp1
 PACKAGING := pyproject.toml
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint package clean bench-topology
+.PHONY: help demo test lint docs package clean bench-topology
 
 help:
 	@echo 'make demo            set up, and run the main job on a cloud of its own: out/demo'
 	@echo 'make test            set up, and run every check'
 	@echo 'make lint            the checks without the tests'
+	@echo 'make docs            build the documentation: build/site'
 	@echo 'make package         build wheel and sdist, and use them under every Python there is'
 	@echo 'make bench-topology  all of the topology benchmark (hours)'
 	@echo 'make clean           remove what was set up and made'
@@ -32,6 +33,9 @@ lint: $(VENV)/.test
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
+docs: $(VENV)/.test
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
+
 package: $(VENV)/.test
 	$(BIN)/python tests/package_check.py --jobs $(JOBS)
 
@@ -40,7 +44,7 @@ bench-topology: $(VENV)/.test
 	  --method mdcs:default --method mdcs:paper --sheet build/failures.png --readme
 
 clean:
-	rm -rf .venv build dist out *.egg-info .coverage .pytest_cache .mypy_cache .ruff_cache \
+	rm -rf .venv build dist out docs/figures *.egg-info .coverage .pytest_cache .mypy_cache .ruff_cache \
 	  .hypothesis .import_linter_cache
 	find mdcs_pipeline nodes configs tests benchmarks -name __pycache__ -prune -exec rm -rf {} +
 
@@ -64,7 +68,7 @@ $(VENV)/.demo: $(PACKAGING) | $(VENV)/.venv
 	@touch $@
 
 $(VENV)/.test: $(PACKAGING) | $(VENV)/.venv
-	$(PIP) install -e '.[open3d-cpu,draw,bags,test]'
+	$(PIP) install -e '.[open3d-cpu,draw,bags,docs,test]'
 	@$(open3d-libraries)
 	@touch $@ $(VENV)/.demo
 
