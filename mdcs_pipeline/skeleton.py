@@ -176,7 +176,9 @@ class Skeleton:
         Parameters
         ----------
         path : str or Path
-            ``.json`` or ``.npz``; the other formats do not hold all of a skeleton.
+            ``.json`` or ``.npz`` for all of it. ``.graphml``, ``.ply`` and ``.swc`` hold
+            no assignment and no diagnostics; the last two no header and no names of nodes,
+            and SWC no mass, so that every node gets the same.
 
         Raises
         ------

@@ -245,6 +245,74 @@ def test_info_as_text_shows_the_tables_that_have_rows(saved: Path, tmp_path: Pat
     assert "radius min" in empty.stdout
 
 
+@pytest.mark.parametrize("suffix", [".graphml", ".ply", ".swc"])
+def test_formats_of_other_tools_are_read_back(tmp_path: Path, suffix: str) -> None:
+    """What they hold of a skeleton comes back bit by bit; SWC's order is its own."""
+    made = y() if suffix == ".swc" else theta()
+    path = tmp_path / f"s{suffix}"
+    made.save(path)
+    back = Skeleton.load(path)
+    wanted, found = mdcs.measure(made), mdcs.measure(back)
+    assert found.summary == pytest.approx(wanted.summary)
+    lengths = sorted(branch.length for branch in wanted.branches)
+    assert sorted(branch.length for branch in found.branches) == lengths
+    assert json.loads(info(path, "--format", "json").stdout)["summary"] == found.summary
+    if suffix != ".swc":
+        for name in ("nodes", "mass", "radius"):
+            np.testing.assert_array_equal(getattr(back, name), getattr(made, name))
+        assert sorted(back.edges.tolist()) == sorted(made.edges.tolist())
+    if suffix == ".graphml":
+        assert back.header == made.header
+        np.testing.assert_array_equal(back.node_ids, made.node_ids)
+
+
+@pytest.mark.parametrize("suffix", [".graphml", ".ply", ".swc"])
+def test_empty_and_lone_skeletons_are_read_back(tmp_path: Path, suffix: str) -> None:
+    for made in (skeleton([], []), skeleton([[1, 2, 3]], [])):
+        made.save(tmp_path / f"s{suffix}")
+        assert len(Skeleton.load(tmp_path / f"s{suffix}")) == len(made)
+
+
+@pytest.mark.parametrize("suffix", [".graphml", ".ply", ".swc", ".json", ".npz"])
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.8, 0.97])
+def test_cut_off_files_are_refused_or_whole(tmp_path: Path, suffix: str, share: float) -> None:
+    """Never a traceback, and never a part that goes for the whole, where the format can tell.
+
+    SWC is lines alone: cut between two, it is a shorter tree.
+    """
+    path = tmp_path / f"s{suffix}"
+    y().save(path)
+    raw = path.read_bytes()
+    path.write_bytes(raw[: int(share * len(raw))])
+    done = info(path)
+    assert "Traceback" not in done.stderr
+    assert done.exit_code == 2 or suffix == ".swc"
+    if done.exit_code == 2:
+        assert path.name in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "said"),
+    [
+        ("a.graphml", "<graphml/>", "no skeleton in GraphML"),
+        ("a.graphml", '<!DOCTYPE g [<!ENTITY a "b">]><graphml/>', "document type"),
+        ("a.ply", "ply\nelement vertex 1\nelement edge 0\nend_header\n", "another layout"),
+        ("a.swc", "1 0 a b c 1 -1\n", "no SWC"),
+        ("a.swc", "1 0 0 0 0 1\n", "no SWC"),
+        ("a.swc", "2 0 0 0 0 1 1\n", "cut off"),
+        ("a.swc", "1 0 0 0 nan 1 -1\n", "finite"),
+        ("a.swc", "1 0 0 0 0 1 -1\n1 0 0 0 0 1 -1\n", "unique"),
+    ],
+)
+def test_what_is_no_skeleton_of_that_format(
+    tmp_path: Path, name: str, text: str, said: str
+) -> None:
+    (tmp_path / name).write_text(text)
+    done = info(tmp_path / name)
+    assert done.exit_code == 2
+    assert said in done.stderr
+
+
 def test_info_refuses_what_is_no_skeleton(tmp_path: Path) -> None:
     np.savez(tmp_path / "cloud.npz", points=np.ones((3, 3)))
     (tmp_path / "s.ply").write_text("ply\n")

@@ -40,7 +40,9 @@ def info(
     skeleton: Annotated[
         Path,
         typer.Argument(
-            metavar="SKELETON", show_default=False, help="Skeleton file: .json or .npz."
+            metavar="SKELETON",
+            show_default=False,
+            help="Skeleton file: .json, .npz, .graphml, .ply or .swc.",
         ),
     ],
     style: Annotated[
