@@ -2,7 +2,8 @@
 
 ``python tests/package_check.py`` makes an environment for every Python that the package
 declares and this machine has, installs the wheel into it, and does there what README says.
-The first of them gets the sdist instead. It ends with 1 if anything fails.
+The first of them gets the sdist instead, and one more environment the wheel with the oldest
+versions of what it depends on. It ends with 1 if anything fails.
 """
 
 from __future__ import annotations
@@ -81,6 +82,9 @@ def main() -> int:
                 pool.submit(use, version, python, wheel if number else sdist, work)
                 for number, (version, python) in enumerate(present.items())
             ]
+            version, python = next(iter(present.items()))
+            name = f"{version} with the oldest dependencies"
+            jobs.append(pool.submit(use, name, python, wheel, work, oldest(wheel)))
             good = [job.result() for job in jobs]
     print(f"{sum(good)} passed, {len(good) - sum(good)} failed", flush=True)
     return 0 if good and all(good) else 1
@@ -101,8 +105,7 @@ def look(wheel: Path, sdist: Path) -> None:
     """Raise if a module, a configuration or a piece of the metadata is missing."""
     with zipfile.ZipFile(wheel) as held:
         inside = set(held.namelist())
-        metadata = next(n for n in inside if n.endswith(".dist-info/METADATA"))
-        fields = Parser().parsestr(held.read(metadata).decode())
+    fields = Parser().parsestr(metadata(wheel))
     wanted = {
         f"{target}/{path.relative_to(ROOT / source)}"
         for source, target in PACKAGES.items()
@@ -122,10 +125,22 @@ def look(wheel: Path, sdist: Path) -> None:
 
 def declared(wheel: Path) -> list[str]:
     """Return the versions of Python that the metadata name."""
+    pattern = r"^Classifier: Programming Language :: Python :: (3\.\d+)$"
+    return re.findall(pattern, metadata(wheel), re.MULTILINE)
+
+
+def oldest(wheel: Path) -> str:
+    """Return, for pip, the lowest version of each dependency that the metadata allow."""
+    found = re.findall(r"^Requires-Dist: ([\w-]+)>=([\d.]+)$", metadata(wheel), re.MULTILINE)
+    assert found, "no dependency has a lower bound"
+    return "".join(f"{name}=={version}\n" for name, version in found)
+
+
+def metadata(wheel: Path) -> str:
+    """Return the text of a wheel's metadata."""
     with zipfile.ZipFile(wheel) as held:
         name = next(n for n in held.namelist() if n.endswith(".dist-info/METADATA"))
-        text = held.read(name).decode()
-    return re.findall(r"^Classifier: Programming Language :: Python :: (3\.\d+)$", text, re.M)
+        return held.read(name).decode()
 
 
 def python_of(version: str) -> Path | None:
@@ -141,12 +156,14 @@ def python_of(version: str) -> Path | None:
     return None
 
 
-def use(version: str, python: Path, built: Path, work: Path) -> bool:
+def use(version: str, python: Path, built: Path, work: Path, constraints: str = "") -> bool:
     """Return whether what was built works in an environment of its own."""
     folder = work / version
+    pins = work / f"{version}.txt"
+    pins.write_text(constraints, encoding="utf-8")
     steps: list[list[str | Path]] = [
         [python, "-m", "venv", folder / "venv"],
-        [folder / "venv/bin/python", "-m", "pip", "install", "-q", built],
+        [folder / "venv/bin/python", "-m", "pip", "install", "-q", "-c", pins, built],
         [folder / "venv/bin/python", "-m", "pip", "check"],
         [folder / "venv/bin/python", "-I", "-c", USE],
     ]
