@@ -234,7 +234,12 @@ def test_info_as_csv_of_the_summary(saved: Path) -> None:
     assert (row["branches"], row["cycles"]) == ("3", "2")
 
 
-def test_info_as_text_shows_the_tables_that_have_rows(saved: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("columns", ["40", "200"])
+def test_info_as_text_shows_the_tables_that_have_rows(
+    saved: Path, tmp_path: Path, columns: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whole words at any width: a table once came out folded where COLUMNS was small."""
+    monkeypatch.setenv("COLUMNS", columns)
     shown = info(saved).stdout
     assert "junction-junction" in shown
     assert "2.828" in shown

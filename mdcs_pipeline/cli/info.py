@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from mdcs_pipeline.cli.console import literal, say, show
+from mdcs_pipeline.cli.console import say
 
 if TYPE_CHECKING:
     from mdcs_pipeline.measures import Measures
@@ -81,22 +81,27 @@ def as_csv(measures: Measures, table: Table) -> str:
 
 def show_measures(measures: Measures) -> None:
     """Write the summary and every table that has a row."""
-    from rich import table as rich_table
-
-    head = rich_table.Table(show_header=False, box=None, pad_edge=False)
+    wide = max(map(len, measures.summary))
     for name, value in measures.summary.items():
-        head.add_row(literal(name.replace("_", " "), "bold"), literal(_short(value)))
-    show(head)
+        say(f"{name.replace('_', ' '):<{wide}}  {_short(value)}")
     for kind in (Table.branches, Table.junctions, Table.loops):
         names, rows = _cells(measures, kind)
-        if not rows:
-            continue
-        drawn = rich_table.Table(box=None, pad_edge=False)
-        for name in names:
-            drawn.add_column(literal(name.replace("_", " ")), justify="right")
-        for row in rows:
-            drawn.add_row(*(literal(_short(value)) for value in row))
-        show("", drawn)
+        if rows:
+            say("")
+            heads = [name.replace("_", " ") for name in names]
+            say(_aligned([heads, *([_short(value) for value in row] for row in rows)]))
+
+
+def _aligned(rows: list[list[str]]) -> str:
+    """Return lines of columns, flush right.
+
+    As wide as they need to be: a row that is folded to fit a narrow terminal is not read.
+    """
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return "\n".join(
+        "  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True))
+        for row in rows
+    )
 
 
 def _cells(measures: Measures, table: Table) -> tuple[list[str], list[list[Any]]]:
