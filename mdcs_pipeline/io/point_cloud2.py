@@ -26,15 +26,6 @@ NANO = 1_000_000_000
 _LAST_SECOND = 2**31 - 1
 
 
-class FieldLike(Protocol):
-    """A `sensor_msgs/PointField`."""
-
-    name: Any
-    offset: Any
-    datatype: Any
-    count: Any
-
-
 class CloudLike(Protocol):
     """A `sensor_msgs/PointCloud2`, as far as its points go."""
 
@@ -173,7 +164,6 @@ def encode_points(
         If there is no type in the format for a column, or a coordinate is beyond float32.
     """
     held = points_array(points)
-    parts: list[tuple[str, NDArray[Any]]] = []
     with np.errstate(over="ignore"):
         packed = held.astype("<f8" if double else "<f4")
     if np.isfinite(held).sum() != np.isfinite(packed).sum():
@@ -182,8 +172,10 @@ def encode_points(
             received=f"{np.nanmax(np.abs(held[np.isfinite(held)]))}",
             remedy="move the origin near the points, or pack with double=True",
         )
-    parts.extend(zip("xyz", packed.T, strict=True))
-    parts.extend(_extra(name, value, len(held)) for name, value in (columns or {}).items())
+    parts: list[tuple[str, NDArray[Any]]] = [
+        *zip("xyz", packed.T, strict=True),
+        *(_extra(name, value, len(held)) for name, value in (columns or {}).items()),
+    ]
     layout = np.dtype([(name, column.dtype) for name, column in parts])
     rows = np.empty(len(held), layout)
     for name, column in parts:
@@ -203,10 +195,7 @@ def encode_points(
 def stamp_to_ns(stamp: StampLike) -> int:
     """Return a ROS time as nanoseconds.
 
-    Raises
-    ------
-    InputError
-        If it lies before 1970.
+    Raises `InputError` if it lies before 1970.
     """
     total = int(stamp.sec) * NANO + int(stamp.nanosec)
     if total < 0:
@@ -261,21 +250,19 @@ def _column(cloud: CloudLike, name: str) -> NDArray[Any]:
     if not height * width:
         return np.empty((height, width), dtype)
     if offset < 0 or offset + dtype.itemsize > step:
-        raise InputError(
+        raise _wrong(
             f"the field '{name}' does not fit into its point",
-            received=f"{dtype.itemsize} bytes from {offset}, in a point of {step}",
-            remedy="the publisher sets offset or point_step wrongly",
+            f"{dtype.itemsize} bytes from {offset}, in a point of {step}",
         )
     if height == 1:
         # Some publishers leave it 0 where there is no second row.
         row = width * step
     if row < width * step:
-        raise InputError(
-            "the rows of the cloud overlap",
-            received=f"row_step {row}, {width} points of {step} bytes",
-            remedy="the publisher sets row_step wrongly",
+        raise _wrong(
+            "the rows of the cloud overlap", f"row_step {row}, {width} points of {step} bytes"
         )
-    data = _bytes(cloud.data)
+    # array.array of rclpy, numpy of rosbags, bytes of others.
+    data = np.frombuffer(cloud.data, np.uint8) if len(cloud.data) else np.empty(0, np.uint8)
     needed = (height - 1) * row + width * step
     if data.nbytes < needed:
         raise InputError(
@@ -286,19 +273,19 @@ def _column(cloud: CloudLike, name: str) -> NDArray[Any]:
     return np.ndarray((height, width), dtype, data, offset, (row, step))
 
 
-def _find(cloud: CloudLike, name: str) -> FieldLike:
+def _wrong(what: str, received: str) -> InputError:
+    return InputError(what, received=received, remedy="the publisher lays its points out wrongly")
+
+
+def _find(cloud: CloudLike, name: str) -> Any:
     names = [str(field.name) for field in cloud.fields]
     if name not in names:
-        raise InputError(
-            f"the cloud has no field '{name}'",
-            received=", ".join(names) or "no fields",
-            remedy=suggestion(name, names),
-        )
-    found: FieldLike = cloud.fields[names.index(name)]
-    return found
+        what, held = f"the cloud has no field '{name}'", ", ".join(names) or "no fields"
+        raise InputError(what, received=held, remedy=suggestion(name, names))
+    return cloud.fields[names.index(name)]
 
 
-def _type(cloud: CloudLike, field: FieldLike) -> np.dtype[Any]:
+def _type(cloud: CloudLike, field: Any) -> np.dtype[Any]:
     code = _TYPES.get(int(field.datatype))
     if code is None:
         raise InputError(
@@ -314,8 +301,3 @@ def _type(cloud: CloudLike, field: FieldLike) -> np.dtype[Any]:
             remedy="a field of one value was wanted",
         )
     return np.dtype((">" if cloud.is_bigendian else "<") + code)
-
-
-def _bytes(data: Any) -> NDArray[np.uint8]:
-    # array.array of rclpy, numpy of rosbags, bytes of others.
-    return np.frombuffer(data, np.uint8) if len(data) else np.empty(0, np.uint8)
