@@ -206,10 +206,7 @@ def stamp_to_ns(stamp: StampLike) -> int:
 def ns_to_stamp(stamp_ns: SupportsInt) -> tuple[int, int]:
     """Return nanoseconds as the seconds and nanoseconds of a ROS time.
 
-    Raises
-    ------
-    OutputError
-        If a ROS time cannot hold it: negative, or in 2038 and later.
+    Raises `OutputError` if a ROS time cannot hold it: negative, or in 2038 and later.
     """
     seconds, rest = divmod(int(stamp_ns), NANO)
     if not 0 <= seconds <= _LAST_SECOND:
