@@ -1,4 +1,4 @@
-# Needs Python 3.11 or later and make. `make PYTHON=python3.12 VENV=/tmp/venv test` chooses others.
+# Needs Python 3.10 or later and make. `make PYTHON=python3.12 VENV=/tmp/venv test` chooses others.
 PYTHON ?= python3
 VENV ?= .venv
 SUDO ?=
@@ -10,12 +10,15 @@ SYSTEM := libusb-1.0-0 libegl1 libgl1 libx11-6 libudev1 libidn2-0 libgomp1
 PACKAGING := pyproject.toml
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint clean bench-topology bench-speed
+.PHONY: help demo test lint docs package clean bench-topology bench-speed
+
 
 help:
 	@echo 'make demo            set up, and run the main job on a cloud of its own: out/demo'
 	@echo 'make test            set up, and run every check'
 	@echo 'make lint            the checks without the tests'
+	@echo 'make docs            build the documentation: build/site'
+	@echo 'make package         build wheel and sdist, and use them under every Python there is'
 	@echo 'make bench-topology  all of the topology benchmark (hours)'
 	@echo 'make bench-speed     the speed benchmark (about half an hour)'
 	@echo 'make clean           remove what was set up and made'
@@ -32,6 +35,12 @@ lint: $(VENV)/.test
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
+docs: $(VENV)/.test
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
+
+package: $(VENV)/.test
+	$(BIN)/python tests/package_check.py --jobs $(JOBS)
+
 bench-topology: $(VENV)/.test
 	$(BIN)/python -m benchmarks.topology --suites '.*' --seeds 3 --jobs $(JOBS) \
 	  --method mdcs:default --method mdcs:paper --sheet build/failures.png --readme
@@ -40,14 +49,14 @@ bench-speed: $(VENV)/.test
 	$(BIN)/python -m benchmarks.speed --readme
 
 clean:
-	rm -rf .venv build dist out *.egg-info .coverage .pytest_cache .mypy_cache .ruff_cache \
+	rm -rf .venv build dist out docs/figures *.egg-info .coverage .pytest_cache .mypy_cache .ruff_cache \
 	  .hypothesis .import_linter_cache
 	find mdcs_pipeline nodes configs tests benchmarks -name __pycache__ -prune -exec rm -rf {} +
 
 # The interpreter is tried first: an old one fails in pip with a message that names nothing.
 $(VENV)/.venv:
-	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
-	  echo "make: $(PYTHON) is missing or older than 3.11; name another: make PYTHON=python3.12" >&2; \
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10))' || { \
+	  echo "make: $(PYTHON) is missing or older than 3.10; name another: make PYTHON=python3.12" >&2; \
 	  exit 1; }
 	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || { \
 	  v=$$($(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2])'); \
@@ -64,7 +73,7 @@ $(VENV)/.demo: $(PACKAGING) | $(VENV)/.venv
 	@touch $@
 
 $(VENV)/.test: $(PACKAGING) | $(VENV)/.venv
-	$(PIP) install -e '.[open3d-cpu,draw,test]'
+	$(PIP) install -e '.[open3d-cpu,draw,bags,docs,test]'
 	@$(open3d-libraries)
 	@touch $@ $(VENV)/.demo
 

@@ -57,6 +57,24 @@ class PointCloud:
         """Return the figures that a progress line shows."""
         return {"points": len(self)}
 
+    def to_open3d(self, tensor: bool = False) -> Any:
+        """Return the points as a cloud of Open3D, in memory of its own.
+
+        Parameters
+        ----------
+        tensor : bool
+            For an `open3d.t.geometry.PointCloud`, which keeps float32; otherwise an
+            `open3d.geometry.PointCloud`, which holds float64.
+
+        Raises
+        ------
+        MissingExtraError
+            Without the extra open3d or open3d-cpu.
+        """
+        from mdcs_pipeline.io.open3d_bridge import cloud_of
+
+        return cloud_of(self.positions, tensor)
+
 
 @dataclass(frozen=True, eq=False)
 class UnitFrame:

@@ -14,6 +14,7 @@ from mdcs_pipeline.cli.console import prepare_streams, say
 from mdcs_pipeline.cli.demo import demo
 from mdcs_pipeline.cli.graph import graph
 from mdcs_pipeline.cli.guard import Mode, guarded
+from mdcs_pipeline.cli.info import info
 from mdcs_pipeline.cli.options import options
 from mdcs_pipeline.cli.run import run
 from mdcs_pipeline.cli.schema import schema
@@ -95,5 +96,5 @@ def root(
         raise typer.Exit(2)
 
 
-for command in (run, demo, stages, options, configs, validate, graph, schema, warmup):
+for command in (run, demo, stages, options, configs, validate, graph, schema, warmup, info):
     app.command()(command)

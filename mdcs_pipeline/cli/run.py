@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json as json_module
 import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -16,8 +18,9 @@ from mdcs_pipeline.cli.outputs import check_result, plan_outputs, result_name
 from mdcs_pipeline.cli.progress import Reporter, Stopwatch, reporter
 
 if TYPE_CHECKING:
-    from mdcs_pipeline.cli.inputs import Frame
+    from mdcs_pipeline.cli.inputs import Frames
     from mdcs_pipeline.cli.report import Done
+    from mdcs_pipeline.io.bag_writer import BagWriter
     from mdcs_pipeline.messages import PointCloud
     from mdcs_pipeline.pipeline import Pipeline
     from mdcs_pipeline.skeleton import Skeleton
@@ -29,8 +32,8 @@ Inputs = Annotated[
         "-i",
         metavar="[NAME=]FILE",
         show_default=False,
-        help="Cloud file, or a folder of them as a sequence of frames; with several sources "
-        "NAME=FILE for each.",
+        help="Cloud file, or a folder of them or a bag (.mcap, .db3, .bag, rosbag2 folder) as a "
+        "sequence of frames; with several sources NAME=FILE for each.",
     ),
 ]
 Outputs = Annotated[
@@ -40,7 +43,8 @@ Outputs = Annotated[
         "-o",
         show_default=False,
         help="File to write, repeatable; the suffix names the format: .json, .ply, .graphml, "
-        ".npz, .swc, .png, .html. For a folder of frames, a folder.",
+        ".npz, .swc, .png, .html; .mcap is a bag of clouds and skeletons. For a sequence of "
+        "frames, a folder or an .mcap.",
     ),
 ]
 
@@ -53,6 +57,14 @@ def run(
     style: Annotated[
         str, typer.Option("--format", help="Suffix of the files when a folder comes out.")
     ] = "json",
+    topic: Annotated[
+        str | None,
+        typer.Option(show_default=False, help="Topic of a bag; not needed where it is alone."),
+    ] = None,
+    frame: Annotated[
+        int | None,
+        typer.Option(show_default=False, help="Take one cloud of a bag, counted from 0."),
+    ] = None,
     frame_id: Annotated[
         str, typer.Option(help="Coordinate frame of the cloud, copied to the skeleton.")
     ] = "",
@@ -68,21 +80,22 @@ def run(
     ] = False,
 ) -> None:
     """Run a configuration on a cloud and write its skeleton."""
+    from mdcs_pipeline.cli.bags import split_bags
     from mdcs_pipeline.cli.inputs import find_frames
     from mdcs_pipeline.cli.report import as_json, show_profile, show_summary
     from mdcs_pipeline.pipeline import Pipeline
 
     graph = load_graph(config, sets)
-    frames = find_frames(inputs or [], graph)
+    frames = find_frames(inputs or [], graph, topic, frame)
     check_result(graph, bool(outputs))
-    plan = plan_outputs(outputs or [], style, frames)
-    announce(quiet)
-    watch = Stopwatch()
-    done: list[Done] = []
-    with reporter(quiet) as shown, Pipeline(graph, (shown, watch)) as pipe:
-        for frame in frames.frames:
-            job = _Job(frame, plan[frame.label], stamp_ns, frame_id)
-            done.append(job.run(pipe, shown, watch))
+    bags, files = split_bags([path.expanduser() for path in outputs or []], frames)
+    plan = plan_outputs(files, style, frames)
+    with opened(bags) as writers:
+        work = _Work(frames, plan, writers, (stamp_ns, frame_id))
+        announce(quiet)
+        watch = Stopwatch()
+        with reporter(quiet) as shown, Pipeline(graph, (shown, watch)) as pipe:
+            done = [work.run(number, pipe, shown, watch) for number in range(len(frames.frames))]
     sequence = frames.folder is not None
     if json:
         say(json_module.dumps(as_json(graph.spec.name, done, sequence, profile)))
@@ -92,43 +105,67 @@ def run(
             show_profile(done)
 
 
+@contextmanager
+def opened(paths: list[Path]) -> Iterator[list[BagWriter]]:
+    """Hold the bags of the result open, to be in place when all frames are done."""
+    if not paths:
+        yield []
+        return
+    from mdcs_pipeline.io.bag_writer import BagWriter
+
+    with ExitStack() as stack:
+        yield [stack.enter_context(BagWriter(path)) for path in paths]
+
+
 def announce(quiet: bool) -> None:
     """Say on one line that the kernels are about to be compiled, if they are."""
     if not quiet and not kernels_cached():
         note(NOTICE)
 
 
-class _Job:
-    """One frame on its way through the pipeline."""
+class _Work:
+    """Frames on their way through the pipeline, and where their results go."""
 
-    def __init__(self, frame: Frame, outputs: list[Path], stamp_ns: int, frame_id: str) -> None:
-        self._frame = frame
+    def __init__(
+        self,
+        frames: Frames,
+        outputs: dict[str, list[Path]],
+        bags: list[BagWriter],
+        header: tuple[int, str],
+    ) -> None:
+        self._frames = frames
         self._outputs = outputs
-        self._header = (stamp_ns, frame_id)
+        self._bags = bags
+        self._header = header
 
-    def run(self, pipe: Pipeline, shown: Reporter, watch: Stopwatch) -> Done:
-        from mdcs_pipeline.cli.inputs import read_cloud
+    def run(self, number: int, pipe: Pipeline, shown: Reporter, watch: Stopwatch) -> Done:
+        from mdcs_pipeline.cli.bags import add_result
+        from mdcs_pipeline.cli.inputs import read_clouds
         from mdcs_pipeline.cli.report import Done
 
         began = time.perf_counter()
         watch.seconds = {}
-        shown.frame(self._frame.label)
-        files = self._frame.files
-        clouds = {k: read_cloud(p, k, pipe.graph, *self._header) for k, p in files.items()}
+        frame = self._frames.frames[number]
+        outputs = self._outputs[frame.label]
+        shown.frame(frame.label)
+        clouds = read_clouds(frame, self._frames, pipe.graph, *self._header)
         record = pipe.run(**clouds)
         name = result_name(pipe.graph)
         skeleton: Skeleton | None = None if name is None else record.results[name]
-        for path in self._outputs:
+        for path in outputs:
             save(skeleton, path, list(clouds.values()), pipe)
+        if skeleton is not None:
+            for bag in self._bags:
+                add_result(bag, list(clouds.values()), skeleton, number)
         return Done(
-            label=self._frame.label,
-            inputs=files,
+            label=frame.label,
+            inputs=frame.files,
             points=sum(len(cloud) for cloud in clouds.values()),
             dropped=sum(cloud.dropped for cloud in clouds.values()),
             skeleton=skeleton,
             record=record,
             seconds=time.perf_counter() - began,
-            outputs=self._outputs,
+            outputs=[*outputs, *(bag.path for bag in self._bags)],
             firings=watch.seconds,
         )
 

@@ -8,6 +8,8 @@ from pydantic import Field
 
 from mdcs_pipeline.errors import InputError
 from mdcs_pipeline.kernels.canonical import CanonicalFrame, framed
+from mdcs_pipeline.ingest import given_cloud
+
 from mdcs_pipeline.kernels.voxels import voxel_means
 from mdcs_pipeline.messages import PointCloud, UnitFrame
 from mdcs_pipeline.stage import Settings, Stage
@@ -52,6 +54,7 @@ class Downsample(Stage[DownsampleSettings]):
         InputError
             If the cloud is empty, all its points coincide, or the voxels are too many to count.
         """
+        cloud = given_cloud(cloud)
         unit = unit_frame(cloud)
         size = self.settings.voxel
         if self.settings.voxel_size is not None:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 from scipy.spatial import cKDTree
 
+from mdcs_pipeline.ingest import given_cloud
 from mdcs_pipeline.kernels.assignment import owners, plan_owners
 from mdcs_pipeline.kernels.ends import limb_ends, lone_segments, stretched
 from mdcs_pipeline.kernels.energy import mean_distance
@@ -184,7 +185,7 @@ class Smooth(Stage[SmoothSettings]):
             return None
         problem, places, scale = found.problem, cloud.positions, found.problem.point_scale
         if points is not None:
-            places = cloud.unit.to_unit(points.positions)
+            places = cloud.unit.to_unit(given_cloud(points).positions)
             scale = scale[cKDTree(cloud.positions).query(places)[1]]
         potentials = found.coupling.node_potentials
         return owners(places, problem.nodes, potentials, scale, problem.node_scale)

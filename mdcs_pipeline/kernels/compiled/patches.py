@@ -261,9 +261,7 @@ def _grow_together(
             # Others lie in another part, or out of reach of this ball.
             if starts[k] >= 0:
                 sure = np.inf if whole else wanted - from_centre[starts[k]]
-                found = closing_radius(
-                    rings[k], counts[k], radii, closed, sure, middle[some[k]]
-                )
+                found = closing_radius(rings[k], counts[k], radii, closed, sure, middle[some[k]])
                 scale[some[k]], reach[some[k]] = found
                 middle[some[k]] += points[centre]
                 if found[1] < np.inf:
