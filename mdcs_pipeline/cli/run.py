@@ -14,10 +14,12 @@ from mdcs_pipeline.cli.compiling import NOTICE, kernels_cached
 from mdcs_pipeline.cli.console import note, say
 from mdcs_pipeline.cli.outputs import check_result, plan_outputs, result_name
 from mdcs_pipeline.cli.progress import Reporter, Stopwatch, reporter
+from mdcs_pipeline.cli.screen import HostOption, PortOption, Screen, open_screen
 
 if TYPE_CHECKING:
     from mdcs_pipeline.cli.inputs import Frame
     from mdcs_pipeline.cli.report import Done
+    from mdcs_pipeline.graph import Graph
     from mdcs_pipeline.messages import PointCloud
     from mdcs_pipeline.pipeline import Pipeline
     from mdcs_pipeline.skeleton import Skeleton
@@ -66,6 +68,11 @@ def run(
     profile: Annotated[
         bool, typer.Option("--profile", help="Show where the time went, stage by stage.")
     ] = False,
+    view: Annotated[
+        bool, typer.Option("--view", help="Show it on a page in the browser, until Ctrl-C.")
+    ] = False,
+    host: HostOption = None,
+    port: PortOption = None,
 ) -> None:
     """Run a configuration on a cloud and write its skeleton."""
     from mdcs_pipeline.cli.inputs import find_frames
@@ -76,20 +83,22 @@ def run(
     frames = find_frames(inputs or [], graph)
     check_result(graph, bool(outputs))
     plan = plan_outputs(outputs or [], style, frames)
-    announce(quiet)
     watch = Stopwatch()
     done: list[Done] = []
-    with reporter(quiet) as shown, Pipeline(graph, (shown, watch)) as pipe:
-        for frame in frames.frames:
-            job = _Job(frame, plan[frame.label], stamp_ns, frame_id)
-            done.append(job.run(pipe, shown, watch))
     sequence = frames.folder is not None
-    if json:
-        say(json_module.dumps(as_json(graph.spec.name, done, sequence, profile)))
-    elif not quiet:
-        show_summary(done, sequence)
-        if profile:
-            show_profile(done)
+    with open_screen(graph, view, host, port, quiet) as screen:
+        announce(quiet)
+        with reporter(quiet) as shown, Pipeline(graph, (shown, watch, screen)) as pipe:
+            for frame in frames.frames:
+                job = _Job(frame, plan[frame.label], stamp_ns, frame_id)
+                done.append(job.run(pipe, shown, watch, screen))
+        if json:
+            say(json_module.dumps(as_json(graph.spec.name, done, sequence, profile)))
+        elif not quiet:
+            show_summary(done, sequence)
+            if profile:
+                show_profile(done)
+        screen.stay()
 
 
 def announce(quiet: bool) -> None:
@@ -106,18 +115,19 @@ class _Job:
         self._outputs = outputs
         self._header = (stamp_ns, frame_id)
 
-    def run(self, pipe: Pipeline, shown: Reporter, watch: Stopwatch) -> Done:
-        from mdcs_pipeline.cli.inputs import read_cloud
+    def run(self, pipe: Pipeline, shown: Reporter, watch: Stopwatch, screen: Screen) -> Done:
         from mdcs_pipeline.cli.report import Done
 
         began = time.perf_counter()
         watch.seconds = {}
         shown.frame(self._frame.label)
         files = self._frame.files
-        clouds = {k: read_cloud(p, k, pipe.graph, *self._header) for k, p in files.items()}
+        clouds = self._read(pipe.graph)
+        screen.cloud(self._frame.label or _names(files), clouds, self._read)
         record = pipe.run(**clouds)
         name = result_name(pipe.graph)
         skeleton: Skeleton | None = None if name is None else record.results[name]
+        screen.skeleton(skeleton)
         for path in self._outputs:
             save(skeleton, path, list(clouds.values()), pipe)
         return Done(
@@ -131,6 +141,16 @@ class _Job:
             outputs=self._outputs,
             firings=watch.seconds,
         )
+
+    def _read(self, graph: Graph) -> dict[str, PointCloud]:
+        from mdcs_pipeline.cli.inputs import read_cloud
+
+        files = self._frame.files
+        return {k: read_cloud(p, k, graph, *self._header) for k, p in files.items()}
+
+
+def _names(files: dict[str, Path]) -> str:
+    return " + ".join(path.name for path in files.values())
 
 
 def save(skeleton: Any, path: Path, clouds: list[PointCloud], pipe: Pipeline) -> None:
@@ -148,7 +168,4 @@ def save(skeleton: Any, path: Path, clouds: list[PointCloud], pipe: Pipeline) ->
             "the folder cannot be made", where=str(path.parent), received=str(error)
         ) from error
     cloud = np.concatenate([held.positions for held in clouds]) if clouds else None
-    settings = {
-        name: stage.settings.model_dump(mode="json") for name, stage in pipe.graph.stages.items()
-    }
-    write_skeleton(skeleton, path, cloud=cloud, settings=settings)
+    write_skeleton(skeleton, path, cloud=cloud, settings=pipe.graph.settings())
