@@ -22,7 +22,7 @@ COLOURINGS: tuple[Colouring, ...] = ("mass", "branch", "radius")
 # The page's own unit: viser's camera sees from 0.01 to 1000, whatever the cloud's unit is.
 SIZE = 10.0
 _FIELD = np.deg2rad(45.0)
-_DISTANCE = 1.35
+_DISTANCE = 1.25
 # Seen a little from the side and from above, as on the HTML page.
 _ASIDE, _ABOVE = 0.3, 0.4
 
@@ -41,7 +41,7 @@ class Look:
     """
 
     colouring: Colouring = "mass"
-    tube: float = 0.5
+    tube: float = 0.6
     point: float = 0.15
     cloud: bool = True
     tubes: bool = True
@@ -109,6 +109,7 @@ class Drawing:
         # No reflections: they wash out the colours, which mean something here.
         server.scene.configure_environment_map(None)
         server.scene.configure_default_lights(cast_shadow=False)
+        server.scene.add_light_ambient("/light", intensity=1.6)
         self._meshes = (unit_tube(), unit_ball())
         self._space: Space | None = None
 
