@@ -10,11 +10,12 @@ SYSTEM := libusb-1.0-0 libegl1 libgl1 libx11-6 libudev1 libidn2-0 libgomp1
 PACKAGING := pyproject.toml
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint clean bench-topology
+.PHONY: help demo test test-viewer lint clean bench-topology
 
 help:
 	@echo 'make demo            set up, and run the main job on a cloud of its own: out/demo'
 	@echo 'make test            set up, and run every check'
+	@echo 'make test-viewer     set up, and try the live page in a real browser'
 	@echo 'make lint            the checks without the tests'
 	@echo 'make bench-topology  all of the topology benchmark (hours)'
 	@echo 'make clean           remove what was set up and made'
@@ -24,6 +25,10 @@ demo: $(VENV)/.demo
 
 test: lint
 	$(BIN)/python -m pytest --cov --cov-branch --cov-report=term --cov-fail-under=90
+
+test-viewer: $(VENV)/.viewer
+	$(BIN)/python -m pytest tests/test_viewer_parts.py tests/test_viewer_page.py \
+	  tests/test_viewer_browser.py
 
 lint: $(VENV)/.test
 	$(BIN)/ruff check .
@@ -63,6 +68,26 @@ $(VENV)/.test: $(PACKAGING) | $(VENV)/.venv
 	$(PIP) install -e '.[open3d-cpu,draw,test]'
 	@$(open3d-libraries)
 	@touch $@ $(VENV)/.demo
+
+# Without Open3D: the page needs none, and its wheel alone is larger than all of this.
+$(VENV)/.viewer: $(PACKAGING) | $(VENV)/.venv
+	$(PIP) install -e '.[viewer,browser,test]'
+	@$(chromium)
+	@touch $@
+
+# The system's browser: the one that playwright would fetch comes from outside of PyPI.
+define chromium
+if ! command -v chromium chromium-browser >/dev/null; then \
+  if command -v apt-get >/dev/null && { [ "$$(id -u)" = 0 ] || [ -n "$(SUDO)" ]; }; then \
+    echo "installing chromium"; \
+    $(SUDO) apt-get -qq update && \
+    DEBIAN_FRONTEND=noninteractive $(SUDO) apt-get -qq install -y --no-install-recommends chromium >/dev/null; \
+  fi; \
+  command -v chromium chromium-browser >/dev/null || { \
+    echo "make: no chromium; as root run: apt-get update && apt-get install -y chromium" >&2; \
+    exit 1; }; \
+fi
+endef
 
 # Open3D's wheel leaves these to the system; which are missing shows when it is imported.
 define open3d-libraries

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from fake_viser import Server
 
 from mdcs_pipeline.cli.gallery import skeleton_frames, sort_paths
 from mdcs_pipeline.errors import InputError, StageError
@@ -17,7 +18,6 @@ from mdcs_pipeline.skeleton import Skeleton
 from mdcs_pipeline.viewer import page as page_module
 from mdcs_pipeline.viewer.film import Dial, Frame
 from mdcs_pipeline.viewer.page import LivePage
-from tests.fake_viser import Server
 
 POINTS = np.random.default_rng(0).normal(size=(200, 3))
 
@@ -208,10 +208,8 @@ def test_looks_change_the_picture(server: Server) -> None:
         assert not np.array_equal(before.batched_colors, after.batched_colors)
         assert "grey" in server.gui.written
         server.gui.by_label["tube width"].by_user(2.0)
-        assert (
-            server.scene.things["/skeleton/edges"].batched_scales[0, 0]
-            > before.batched_scales[0, 0]
-        )
+        wider = server.scene.things["/skeleton/edges"]
+        assert wider.batched_scales[0, 0] > before.batched_scales[0, 0]
         server.gui.by_label["cloud"].by_user(False)
         assert not server.scene.things["/cloud"].visible
         server.gui.by_label["skeleton"].by_user(False)

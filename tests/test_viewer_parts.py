@@ -420,8 +420,10 @@ def test_addresses_are_written_as_a_browser_takes_them() -> None:
 
 @pytest.mark.parametrize(
     ("host", "local"),
-    [("127.0.0.1", True), ("localhost", True), ("::1", True), ("[::1]", True), ("127.9.9.9", True)]
-    + [("0.0.0.0", False), ("192.168.1.2", False), ("localhost.evil.example", False), ("", False)],
+    [
+        *((name, True) for name in ("127.0.0.1", "localhost", "::1", "[::1]", "127.9.9.9")),
+        *((name, False) for name in ("0.0.0.0", "192.168.1.2", "localhost.evil.example", "")),
+    ],
 )
 def test_what_is_local(host: str, local: bool) -> None:
     assert is_local(host) is local

@@ -106,9 +106,10 @@ class PageScreen(Screen):
 
 def stay(page: LivePage, quiet: bool) -> None:
     """Serve a page until Ctrl-C."""
-    if not quiet:
-        note(f"the page stays at {page.url} until Ctrl-C")
     try:
+        # Within the try: who reads this line may press Ctrl-C before the next one.
+        if not quiet:
+            note(f"the page stays at {page.url} until Ctrl-C")
         page.serve()
     except KeyboardInterrupt:
         if not quiet:
