@@ -22,7 +22,7 @@ from mdcs_pipeline.viewer.film import Dial, Film, Frame
 from mdcs_pipeline.viewer.page import file_name
 from mdcs_pipeline.viewer.remake import epsilon_dial, epsilons, remaker, with_epsilon
 from mdcs_pipeline.viewer.server import free_port, import_viser, is_local, is_own_page, page_url
-from mdcs_pipeline.viewer.texts import legend_text, plain, times_text, title_text
+from mdcs_pipeline.viewer.texts import counts_text, legend_text, plain, times_text, title_text
 from mdcs_pipeline.viewer.tubes import (
     Copies,
     Mesh,
@@ -362,9 +362,10 @@ def test_names_of_files_are_no_markup() -> None:
 
 def test_the_title_counts_and_the_table_adds_up() -> None:
     timed = skeleton(Y.nodes, Y.edges, diagnostics={"seconds": {"seed": 0.25, "link": 0.5}})
-    text = title_text(film(3), Frame("a", np.zeros((7, 3)), timed))
-    assert "frame 3 of 3" in text
-    assert "7 points" in text
+    frame = Frame("a", np.zeros((7, 3)), timed)
+    assert title_text(film(3), frame) == "**a**, frame 3 of 3"
+    text = counts_text(frame)
+    assert "points drawn 7" in text
     assert "ends 3" in text
     table = times_text(timed)
     assert "| seed | 250.0 |" in table

@@ -8,7 +8,7 @@ from typing import Any
 
 from mdcs_pipeline.viewer.drawing import COLOURINGS, Look
 from mdcs_pipeline.viewer.film import Dial, Film
-from mdcs_pipeline.viewer.texts import legend_text, times_text, title_text
+from mdcs_pipeline.viewer.texts import READY, counts_text, legend_text, times_text, title_text
 
 
 @dataclass(frozen=True)
@@ -50,11 +50,13 @@ class Panel:
         self._gui = gui
         gui.configure_theme(show_logo=False, show_share_button=False, control_width="medium")
         gui.main_panel.dock_right()
+        # What may grow by a line stands below the sliders, or they would slip from the hand.
         self._title = gui.add_markdown("")
-        self._status = gui.add_markdown("", visible=False)
         self._frame = gui.add_slider("frame", 1, 2, 1, 1, visible=False)
         self._play = gui.add_button("Pause", visible=False)
         self._dial = self._add_dial(dial)
+        self._counts = gui.add_markdown("")
+        self._status = gui.add_markdown(READY)
         self._look = _LookControls(gui, wishes.redraw)
         gui.add_button("Fit view").on_click(lambda _: wishes.fit())
         with gui.add_folder("Download"):
@@ -101,6 +103,7 @@ class Panel:
         if frame is None:
             return
         self._title.content = title_text(film, frame)
+        self._counts.content = counts_text(frame)
         self._times.content = times_text(frame.skeleton)
         self._look.legend.content = legend_text(frame.skeleton, self.look.colouring)
         self._save.disabled = frame.skeleton is None
@@ -114,9 +117,8 @@ class Panel:
             self._dial.disabled = film.live or film.original().again is None
 
     def say(self, text: str) -> None:
-        """Write the status line, in markdown; without text it is taken away."""
-        self._status.content = text
-        self._status.visible = bool(text)
+        """Write the status line, in markdown; without text it says that all is done."""
+        self._status.content = text or READY
 
 
 def _by_user(act: Callable[[], None]) -> Callable[[Any], None]:

@@ -8,6 +8,9 @@ from mdcs_pipeline.viewer.colours import value_range
 from mdcs_pipeline.viewer.drawing import Colouring
 from mdcs_pipeline.viewer.film import Film, Frame
 
+#: The status line where there is nothing else to say.
+READY = "ready"
+
 # Names of `Skeleton.summary`, as people say them.
 _COUNTS = {
     "nodes": "nodes",
@@ -20,16 +23,19 @@ _COUNTS = {
 
 
 def title_text(film: Film, frame: Frame) -> str:
-    """Return label and place of the frame, and its counts."""
+    """Return label and place of the frame."""
     place = f"frame {film.cursor + 1} of {film.last + 1}" if len(film) > 1 else ""
-    words = [f"**{plain(frame.label)}**" if frame.label else "", place]
-    if frame.points is not None:
-        words.append(f"{len(frame.points)} points drawn")
-    lines = [", ".join(filter(None, words))]
+    label = f"**{plain(frame.label)}**" if frame.label else ""
+    return ", ".join(filter(None, [label, place]))
+
+
+def counts_text(frame: Frame) -> str:
+    """Return how many points are drawn, and the counts of the skeleton."""
+    words = [] if frame.points is None else [f"points drawn {len(frame.points)}"]
     if frame.skeleton is not None:
         counts = frame.skeleton.summary()
-        lines.append(", ".join(f"{said} {counts[name]}" for name, said in _COUNTS.items()))
-    return "\n\n".join(filter(None, lines))
+        words += [f"{said} {counts[name]}" for name, said in _COUNTS.items()]
+    return ", ".join(words)
 
 
 def times_text(skeleton: Skeleton | None) -> str:
