@@ -67,6 +67,8 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
+    epilog="First steps: 'mdcs demo', then 'mdcs run -i scan.ply -o skeleton.json', and 'mdcs view "
+    "scan.ply' to look at it. 'mdcs COMMAND --help' explains a command.",
 )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mdcs_pipeline.errors import InputError
+from mdcs_pipeline.errors import InputError, nearest_name, suggestion
 
 if TYPE_CHECKING:
     from mdcs_pipeline.viewer.film import Frame
@@ -24,6 +24,8 @@ def sort_paths(paths: list[Path]) -> tuple[list[Path], list[Path]]:
         If a file is a skeleton that cannot be read back, or there are several clouds or
         folders that do not go together.
     """
+    for path in paths:
+        _check_there(path)
     clouds = [path for path in paths if not _holds_skeletons(path)]
     skeletons = [path for path in paths if _holds_skeletons(path)]
     for path in clouds:
@@ -41,6 +43,19 @@ def sort_paths(paths: list[Path]) -> tuple[list[Path], list[Path]]:
                 remedy="put the files into one folder and give that: it becomes a sequence",
             )
     return clouds, skeletons
+
+
+def _check_there(path: Path) -> None:
+    if path.exists():
+        return
+    near = sorted(p.name for p in path.parent.iterdir()) if path.parent.is_dir() else []
+    raise InputError(
+        "no such file or folder",
+        where=str(path),
+        remedy=suggestion(path.name, near)
+        if nearest_name(path.name, near)
+        else "is the path relative to another folder?",
+    )
 
 
 def _holds_skeletons(path: Path) -> bool:

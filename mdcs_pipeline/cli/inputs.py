@@ -42,6 +42,14 @@ def find_frames(given: list[str], graph: Graph) -> Frames:
     from mdcs_pipeline.runner import check_sources
 
     named = by_source(given, list(graph.spec.sources))
+    if not given and graph.spec.sources:
+        raise InputError(
+            "no cloud was given",
+            where=f"pipeline '{graph.spec.name}'",
+            remedy="add -i FILE, or -i FOLDER for a sequence of frames"
+            if len(graph.spec.sources) == 1
+            else "add " + " ".join(f"-i {source}=FILE" for source in graph.spec.sources),
+        )
     check_sources(named, graph)
     folders = {name: path for name, path in named.items() if path.is_dir()}
     if not folders:

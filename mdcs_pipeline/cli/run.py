@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from mdcs_pipeline.cli.common import ConfigArgument, SetOption, load_graph
+from mdcs_pipeline.cli.common import SetOption, load_graph
 from mdcs_pipeline.cli.compiling import NOTICE, kernels_cached
 from mdcs_pipeline.cli.console import note, say
 from mdcs_pipeline.cli.outputs import check_result, plan_outputs, result_name
@@ -40,6 +40,7 @@ Outputs = Annotated[
     typer.Option(
         "--output",
         "-o",
+        metavar="FILE",
         show_default=False,
         help="File to write, repeatable; the suffix names the format: .json, .ply, .graphml, "
         ".npz, .swc, .png, .html. For a folder of frames, a folder.",
@@ -48,17 +49,26 @@ Outputs = Annotated[
 
 
 def run(
-    config: ConfigArgument,
+    config: Annotated[
+        str,
+        typer.Argument(metavar="CONFIG", help="Name of a shipped configuration, or a YAML file."),
+    ] = "default",
     inputs: Inputs = None,
     outputs: Outputs = None,
     sets: SetOption = None,
     style: Annotated[
-        str, typer.Option("--format", help="Suffix of the files when a folder comes out.")
+        str,
+        typer.Option(
+            "--format", metavar="SUFFIX", help="Suffix of the files when a folder comes out."
+        ),
     ] = "json",
     frame_id: Annotated[
-        str, typer.Option(help="Coordinate frame of the cloud, copied to the skeleton.")
+        str,
+        typer.Option(metavar="NAME", help="Coordinate frame of the cloud, copied to the skeleton."),
     ] = "",
-    stamp_ns: Annotated[int, typer.Option(help="Time of measurement in nanoseconds.")] = 0,
+    stamp_ns: Annotated[
+        int, typer.Option(metavar="NUMBER", help="Time of measurement in nanoseconds.")
+    ] = 0,
     quiet: Annotated[
         bool, typer.Option("--quiet", "-q", help="Say nothing but errors (and --json).")
     ] = False,
@@ -98,6 +108,8 @@ def run(
             show_summary(done, sequence)
             if profile:
                 show_profile(done)
+            if not outputs and not view:
+                note("nothing written: name a file with -o, or look at it with --view")
         screen.stay()
 
 

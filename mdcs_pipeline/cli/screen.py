@@ -33,6 +33,7 @@ PortOption = Annotated[
     int | None,
     typer.Option(
         "--port",
+        metavar="NUMBER",
         min=0,
         max=65535,
         show_default=False,
@@ -48,9 +49,9 @@ class Screen(Hook):
         self,
         label: str,
         clouds: Mapping[str, PointCloud],
-        read: Callable[[Graph], Mapping[str, PointCloud]],
+        read: Callable[[Graph], Mapping[str, PointCloud]] | None = None,
     ) -> None:
-        """Hear which clouds come next, and how to read them again."""
+        """Hear which clouds come next, and how to read them again where that is possible."""
 
     def skeleton(self, skeleton: Skeleton | None) -> None:
         """Hear what came of the clouds."""
@@ -74,7 +75,7 @@ class PageScreen(Screen):
         self,
         label: str,
         clouds: Mapping[str, PointCloud],
-        read: Callable[[Graph], Mapping[str, PointCloud]],
+        read: Callable[[Graph], Mapping[str, PointCloud]] | None = None,
     ) -> None:
         """Show the cloud while its skeleton is being made."""
         import numpy as np
@@ -86,8 +87,9 @@ class PageScreen(Screen):
         points = np.concatenate([cloud.positions for cloud in clouds.values()]) if clouds else None
         frame = Frame(label, points)
         name = result_name(self._graph)
-        again = None if name is None else remaker(self._graph, name, frame, read)
-        self._frame = replace(frame, again=again, settings=self._graph.settings())
+        if name is not None and read is not None:
+            frame = replace(frame, again=remaker(self._graph, name, frame, read))
+        self._frame = replace(frame, settings=self._graph.settings())
         self._page.show(self._frame)
 
     def stage_started(self, name: str, firing: int) -> None:
@@ -147,10 +149,12 @@ def open_page(
     """Give a live page after telling where it is."""
     from mdcs_pipeline.viewer.film import Dial
     from mdcs_pipeline.viewer.page import LivePage
-    from mdcs_pipeline.viewer.server import LOCAL_HOST
+    from mdcs_pipeline.viewer.server import LOCAL_HOST, is_local
 
     held = dial if isinstance(dial, Dial) else None
     with LivePage(host or LOCAL_HOST, port, held, f"mdcs: {title}") as page:
         if not quiet:
             note(f"page: {page.url}")
+            if host is not None and not is_local(host):
+                note("whoever reaches this machine can look at it, without a password", "yellow")
         yield page

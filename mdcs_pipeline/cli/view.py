@@ -18,14 +18,17 @@ def view(
     paths: Annotated[
         list[str] | None,
         typer.Argument(
-            metavar="[CLOUD|SKELETON|FOLDER]...",
+            metavar="FILE_OR_FOLDER",
             show_default=False,
             help="A cloud, whose skeleton is made; a skeleton (.json, .npz); a folder of "
             "either; or a cloud and its skeleton. Without any, a cloud of the package's own.",
         ),
     ] = None,
     config: Annotated[
-        str, typer.Option("--config", "-c", help="Configuration that makes the skeletons.")
+        str,
+        typer.Option(
+            "--config", "-c", metavar="CONFIG", help="Configuration that makes the skeletons."
+        ),
     ] = "default",
     sets: SetOption = None,
     host: HostOption = None,
@@ -34,7 +37,7 @@ def view(
         bool, typer.Option("--quiet", "-q", help="Say nothing but errors, not even the address.")
     ] = False,
 ) -> None:
-    """Show clouds and skeletons on a page in the browser, until Ctrl-C."""
+    """Show clouds and skeletons in the browser, until Ctrl-C."""
     import tempfile
 
     from mdcs_pipeline.cli.gallery import sort_paths
