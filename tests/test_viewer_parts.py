@@ -17,7 +17,7 @@ from mdcs_pipeline.ingest import as_point_cloud
 from mdcs_pipeline.skeleton import Skeleton
 from mdcs_pipeline.viewer.branches import branch_labels
 from mdcs_pipeline.viewer.colours import JUNCTION, by_label, by_value, value_range
-from mdcs_pipeline.viewer.drawing import SIZE, ball_radii, colours_of, space_of
+from mdcs_pipeline.viewer.drawing import SIZE, ball_radii, colours_of, point_size, space_of
 from mdcs_pipeline.viewer.film import Dial, Film, Frame
 from mdcs_pipeline.viewer.page import file_name
 from mdcs_pipeline.viewer.remake import epsilon_dial, epsilons, remaker, with_epsilon
@@ -207,6 +207,11 @@ def test_clouds_of_any_size_anywhere_fill_the_same_space(scale: float, shift: fl
     seen = space.to_page(points).astype(np.float32)
     assert np.linalg.norm(np.ptp(seen, axis=0)) == pytest.approx(SIZE, rel=1e-5)
     assert np.abs(seen.max(axis=0) + seen.min(axis=0)).max() < 1e-3
+
+
+def test_many_points_cover_no_more_than_few() -> None:
+    assert point_size(100, 0.2) == point_size(6000, 0.2) == pytest.approx(0.002 * SIZE)
+    assert 50_000 * point_size(50_000, 0.2) ** 2 == pytest.approx(6000 * point_size(6000, 0.2) ** 2)
 
 
 def test_there_is_no_space_in_nothing() -> None:

@@ -23,6 +23,8 @@ COLOURINGS: tuple[Colouring, ...] = ("mass", "branch", "radius")
 SIZE = 10.0
 _FIELD = np.deg2rad(45.0)
 _DISTANCE = 1.25
+# Up to so many points are drawn in the size that was asked for.
+_FEW = 6000
 # Seen a little from the side and from above, as on the HTML page.
 _ASIDE, _ABOVE = 0.3, 0.4
 
@@ -101,6 +103,14 @@ def ball_radii(skeleton: Skeleton, tube: float) -> NDArray[np.float64]:
     return radii
 
 
+def point_size(count: int, percent: float) -> float:
+    """Return how large each of `count` points is drawn, in units of the page.
+
+    Many are drawn smaller, so that they cover no more of what lies inside than few do.
+    """
+    return percent / 100 * SIZE * (_FEW / max(count, _FEW)) ** 0.5
+
+
 class Drawing:
     """Puts frames into the scene of a viser server, one in the place of the other."""
 
@@ -148,7 +158,7 @@ class Drawing:
             "/cloud",
             held.astype(np.float32),
             _rgb(CLOUD_COLOUR),
-            point_size=look.point / 100 * SIZE,
+            point_size=point_size(len(held), look.point),
             point_shape="circle",
             point_shading="flat",
             precision="float32",
