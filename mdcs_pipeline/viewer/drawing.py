@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -108,7 +109,7 @@ def point_size(count: int, percent: float) -> float:
 
     Many are drawn smaller, so that they cover no more of what lies inside than few do.
     """
-    return percent / 100 * SIZE * (_FEW / max(count, _FEW)) ** 0.5
+    return percent / 100 * SIZE * math.sqrt(_FEW / max(count, _FEW))
 
 
 class Drawing:
