@@ -78,13 +78,14 @@ $(VENV)/.viewer: $(PACKAGING) | $(VENV)/.venv
 
 # The system's browser: the one that playwright would fetch comes from outside of PyPI.
 define chromium
-if ! command -v chromium chromium-browser >/dev/null; then \
+found() { command -v chromium || command -v chromium-browser; }; \
+if ! found >/dev/null; then \
   if command -v apt-get >/dev/null && { [ "$$(id -u)" = 0 ] || [ -n "$(SUDO)" ]; }; then \
     echo "installing chromium"; \
     $(SUDO) apt-get -qq update && \
     DEBIAN_FRONTEND=noninteractive $(SUDO) apt-get -qq install -y --no-install-recommends chromium >/dev/null; \
   fi; \
-  command -v chromium chromium-browser >/dev/null || { \
+  found >/dev/null || { \
     echo "make: no chromium; as root run: apt-get update && apt-get install -y chromium" >&2; \
     exit 1; }; \
 fi
