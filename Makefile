@@ -5,17 +5,18 @@ SUDO ?=
 JOBS ?= 2
 
 BIN := $(VENV)/bin
-PIP := $(BIN)/python -m pip --disable-pip-version-check -q
+# The warning is setuptools' own, of every project whose folders have other names than its packages.
+PIP := PYTHONWARNINGS='ignore:Editable installation' $(BIN)/python -m pip --disable-pip-version-check -q
 SYSTEM := libusb-1.0-0 libegl1 libgl1 libx11-6 libudev1 libidn2-0 libgomp1
 PACKAGING := pyproject.toml
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint docs package clean bench-topology bench-speed
-
+.PHONY: help demo test test-viewer lint docs package clean bench-topology bench-speed
 
 help:
 	@echo 'make demo            set up, and run the main job on a cloud of its own: out/demo'
 	@echo 'make test            set up, and run every check'
+	@echo 'make test-viewer     set up, and try the live page in a real browser'
 	@echo 'make lint            the checks without the tests'
 	@echo 'make docs            build the documentation: build/site'
 	@echo 'make package         build wheel and sdist, and use them under every Python there is'
@@ -28,6 +29,10 @@ demo: $(VENV)/.demo
 
 test: lint
 	$(BIN)/python -m pytest --cov --cov-branch --cov-report=term --cov-fail-under=90
+
+test-viewer: $(VENV)/.viewer
+	$(BIN)/python -m pytest tests/test_viewer_parts.py tests/test_viewer_page.py \
+	  tests/test_viewer_browser.py
 
 lint: $(VENV)/.test
 	$(BIN)/ruff check .
@@ -76,6 +81,27 @@ $(VENV)/.test: $(PACKAGING) | $(VENV)/.venv
 	$(PIP) install -e '.[open3d-cpu,draw,bags,docs,test]'
 	@$(open3d-libraries)
 	@touch $@ $(VENV)/.demo
+
+# Without Open3D: the page needs none, and its wheel alone is larger than all of this.
+$(VENV)/.viewer: $(PACKAGING) | $(VENV)/.venv
+	$(PIP) install -e '.[viewer,browser,test]'
+	@$(chromium)
+	@touch $@
+
+# The system's browser: the one that playwright would fetch comes from outside of PyPI.
+define chromium
+found() { command -v chromium || command -v chromium-browser; }; \
+if ! found >/dev/null; then \
+  if command -v apt-get >/dev/null && { [ "$$(id -u)" = 0 ] || [ -n "$(SUDO)" ]; }; then \
+    echo "installing chromium"; \
+    $(SUDO) apt-get -qq update && \
+    DEBIAN_FRONTEND=noninteractive $(SUDO) apt-get -qq install -y --no-install-recommends chromium >/dev/null; \
+  fi; \
+  found >/dev/null || { \
+    echo "make: no chromium; as root run: apt-get update && apt-get install -y chromium" >&2; \
+    exit 1; }; \
+fi
+endef
 
 # Open3D's wheel leaves these to the system; which are missing shows when it is imported.
 define open3d-libraries

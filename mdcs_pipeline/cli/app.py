@@ -20,6 +20,7 @@ from mdcs_pipeline.cli.run import run
 from mdcs_pipeline.cli.schema import schema
 from mdcs_pipeline.cli.stages import stages
 from mdcs_pipeline.cli.validate import validate
+from mdcs_pipeline.cli.view import view
 from mdcs_pipeline.cli.warmup import warmup
 
 
@@ -67,6 +68,8 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
+    epilog="First steps: 'mdcs demo', then 'mdcs run -i scan.ply -o skeleton.json', and 'mdcs view "
+    "scan.ply' to look at it. 'mdcs COMMAND --help' explains a command.",
 )
 
 
@@ -96,5 +99,6 @@ def root(
         raise typer.Exit(2)
 
 
-for command in (run, demo, stages, options, configs, validate, graph, schema, warmup, info):
+_COMMANDS = (run, demo, view, info, stages, options, configs, validate, graph, schema, warmup)
+for command in _COMMANDS:
     app.command()(command)

@@ -54,6 +54,14 @@ def find_frames(
     from mdcs_pipeline.runner import check_sources
 
     named = by_source(given, list(graph.spec.sources))
+    if not given and graph.spec.sources:
+        raise InputError(
+            "no cloud was given",
+            where=f"pipeline '{graph.spec.name}'",
+            remedy="add -i FILE, or -i FOLDER for a sequence of frames"
+            if len(graph.spec.sources) == 1
+            else "add " + " ".join(f"-i {source}=FILE" for source in graph.spec.sources),
+        )
     check_sources(named, graph)
     bags = {name: path for name, path in named.items() if is_bag(path)}
     if not bags and (topic is not None or number is not None):

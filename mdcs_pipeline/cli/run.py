@@ -11,15 +11,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from mdcs_pipeline.cli.common import ConfigArgument, SetOption, load_graph
+from mdcs_pipeline.cli.common import SetOption, load_graph
 from mdcs_pipeline.cli.compiling import NOTICE, kernels_cached
 from mdcs_pipeline.cli.console import note, say
 from mdcs_pipeline.cli.outputs import check_result, plan_outputs, result_name
 from mdcs_pipeline.cli.progress import Reporter, Stopwatch, reporter
+from mdcs_pipeline.cli.screen import HostOption, PortOption, Screen, open_screen
 
 if TYPE_CHECKING:
     from mdcs_pipeline.cli.inputs import Frames
     from mdcs_pipeline.cli.report import Done
+    from mdcs_pipeline.graph import Graph
     from mdcs_pipeline.io.bag_writer import BagWriter
     from mdcs_pipeline.messages import PointCloud
     from mdcs_pipeline.pipeline import Pipeline
@@ -41,6 +43,7 @@ Outputs = Annotated[
     typer.Option(
         "--output",
         "-o",
+        metavar="FILE",
         show_default=False,
         help="File to write, repeatable; the suffix names the format: .json, .ply, .graphml, "
         ".npz, .swc, .png, .html; .mcap is a bag of clouds and skeletons. For a sequence of "
@@ -50,12 +53,18 @@ Outputs = Annotated[
 
 
 def run(
-    config: ConfigArgument,
+    config: Annotated[
+        str,
+        typer.Argument(metavar="CONFIG", help="Name of a shipped configuration, or a YAML file."),
+    ] = "default",
     inputs: Inputs = None,
     outputs: Outputs = None,
     sets: SetOption = None,
     style: Annotated[
-        str, typer.Option("--format", help="Suffix of the files when a folder comes out.")
+        str,
+        typer.Option(
+            "--format", metavar="SUFFIX", help="Suffix of the files when a folder comes out."
+        ),
     ] = "json",
     topic: Annotated[
         str | None,
@@ -66,9 +75,12 @@ def run(
         typer.Option(show_default=False, help="Take one cloud of a bag, counted from 0."),
     ] = None,
     frame_id: Annotated[
-        str, typer.Option(help="Coordinate frame of the cloud, copied to the skeleton.")
+        str,
+        typer.Option(metavar="NAME", help="Coordinate frame of the cloud, copied to the skeleton."),
     ] = "",
-    stamp_ns: Annotated[int, typer.Option(help="Time of measurement in nanoseconds.")] = 0,
+    stamp_ns: Annotated[
+        int, typer.Option(metavar="NUMBER", help="Time of measurement in nanoseconds.")
+    ] = 0,
     quiet: Annotated[
         bool, typer.Option("--quiet", "-q", help="Say nothing but errors (and --json).")
     ] = False,
@@ -78,6 +90,11 @@ def run(
     profile: Annotated[
         bool, typer.Option("--profile", help="Show where the time went, stage by stage.")
     ] = False,
+    view: Annotated[
+        bool, typer.Option("--view", help="Show it on a page in the browser, until Ctrl-C.")
+    ] = False,
+    host: HostOption = None,
+    port: PortOption = None,
 ) -> None:
     """Run a configuration on a cloud and write its skeleton."""
     from mdcs_pipeline.cli.bags import split_bags
@@ -90,19 +107,24 @@ def run(
     check_result(graph, bool(outputs))
     bags, files = split_bags([path.expanduser() for path in outputs or []], frames)
     plan = plan_outputs(files, style, frames)
-    with opened(bags) as writers:
-        work = _Work(frames, plan, writers, (stamp_ns, frame_id))
-        announce(quiet)
-        watch = Stopwatch()
-        with reporter(quiet) as shown, Pipeline(graph, (shown, watch)) as pipe:
-            done = [work.run(number, pipe, shown, watch) for number in range(len(frames.frames))]
+    watch = Stopwatch()
     sequence = frames.folder is not None
-    if json:
-        say(json_module.dumps(as_json(graph.spec.name, done, sequence, profile)))
-    elif not quiet:
-        show_summary(done, sequence)
-        if profile:
-            show_profile(done)
+    with open_screen(graph, view, host, port, quiet) as screen:
+        with opened(bags) as writers:
+            work = _Work(frames, plan, writers, (stamp_ns, frame_id))
+            announce(quiet)
+            with reporter(quiet) as shown, Pipeline(graph, (shown, watch, screen)) as pipe:
+                count = len(frames.frames)
+                done = [work.run(k, pipe, shown, watch, screen) for k in range(count)]
+        if json:
+            say(json_module.dumps(as_json(graph.spec.name, done, sequence, profile)))
+        elif not quiet:
+            show_summary(done, sequence)
+            if profile:
+                show_profile(done)
+            if not outputs and not view:
+                note("nothing written: name a file with -o, or look at it with --view")
+        screen.stay()
 
 
 @contextmanager
@@ -138,7 +160,9 @@ class _Work:
         self._bags = bags
         self._header = header
 
-    def run(self, number: int, pipe: Pipeline, shown: Reporter, watch: Stopwatch) -> Done:
+    def run(
+        self, number: int, pipe: Pipeline, shown: Reporter, watch: Stopwatch, screen: Screen
+    ) -> Done:
         from mdcs_pipeline.cli.bags import add_result
         from mdcs_pipeline.cli.inputs import read_clouds
         from mdcs_pipeline.cli.report import Done
@@ -148,10 +172,16 @@ class _Work:
         frame = self._frames.frames[number]
         outputs = self._outputs[frame.label]
         shown.frame(frame.label)
-        clouds = read_clouds(frame, self._frames, pipe.graph, *self._header)
+
+        def read(graph: Graph) -> dict[str, PointCloud]:
+            return read_clouds(frame, self._frames, graph, *self._header)
+
+        clouds = read(pipe.graph)
+        screen.cloud(frame.label or _names(frame.files), clouds, read)
         record = pipe.run(**clouds)
         name = result_name(pipe.graph)
         skeleton: Skeleton | None = None if name is None else record.results[name]
+        screen.skeleton(skeleton)
         for path in outputs:
             save(skeleton, path, list(clouds.values()), pipe)
         if skeleton is not None:
@@ -170,6 +200,10 @@ class _Work:
         )
 
 
+def _names(files: dict[str, Path]) -> str:
+    return " + ".join(path.name for path in files.values())
+
+
 def save(skeleton: Any, path: Path, clouds: list[PointCloud], pipe: Pipeline) -> None:
     """Write one output, with the cloud behind it and every setting that made it."""
     import numpy as np
@@ -185,7 +219,4 @@ def save(skeleton: Any, path: Path, clouds: list[PointCloud], pipe: Pipeline) ->
             "the folder cannot be made", where=str(path.parent), received=str(error)
         ) from error
     cloud = np.concatenate([held.positions for held in clouds]) if clouds else None
-    settings = {
-        name: stage.settings.model_dump(mode="json") for name, stage in pipe.graph.stages.items()
-    }
-    write_skeleton(skeleton, path, cloud=cloud, settings=settings)
+    write_skeleton(skeleton, path, cloud=cloud, settings=pipe.graph.settings())

@@ -241,7 +241,8 @@ def _pick_array(archive: Any) -> tuple[str, Any]:
     return fitting[0], arrays[fitting[0]]
 
 
-def _natural_key(path: Path) -> tuple[list[str | int], str]:
+def natural_key(path: Path) -> tuple[list[str | int], str]:
+    """Return what sorts files so that ``frame_2`` stands before ``frame_10``."""
     parts = re.split("([0-9]+)", path.name.lower())
     return [int(part) if i % 2 else part for i, part in enumerate(parts)], path.name
 
@@ -283,4 +284,4 @@ def frame_files(folder: str | Path) -> list[Path]:
             received=f"{len(present)} other files",
             remedy="known suffixes: " + ", ".join(CLOUD_SUFFIXES),
         )
-    return sorted(files, key=_natural_key)
+    return sorted(files, key=natural_key)

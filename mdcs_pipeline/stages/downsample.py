@@ -7,9 +7,8 @@ from typing import NamedTuple
 from pydantic import Field
 
 from mdcs_pipeline.errors import InputError
-from mdcs_pipeline.kernels.canonical import CanonicalFrame, framed
 from mdcs_pipeline.ingest import given_cloud
-
+from mdcs_pipeline.kernels.canonical import CanonicalFrame, framed
 from mdcs_pipeline.kernels.voxels import voxel_means
 from mdcs_pipeline.messages import PointCloud, UnitFrame
 from mdcs_pipeline.stage import Settings, Stage
