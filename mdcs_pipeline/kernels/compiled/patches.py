@@ -240,7 +240,7 @@ def _grow_together(
     reach: FloatArray,
     middle: FloatArray,
 ) -> float:
-    """Fill in `scale`, `reach` and `middle` of some lanes as far as a ball of radius `wanted` tells.
+    """Fill in `scale`, `reach` and `middle` of some lanes as far as a ball `wanted` wide tells.
 
     Returns
     -------
