@@ -14,7 +14,15 @@ from mdcs_pipeline.stage import Settings
 # Known when the process starts, and not for remote hands afterwards.
 OF_PROCESS = ("config", "autostart", "save_folder")
 # Read when the node is configured.
-OF_CONFIGURED = ("qos_reliability", "qos_durability", "qos_depth", "pose_type", "sync_tolerance")
+OF_CONFIGURED = (
+    "qos_reliability",
+    "qos_durability",
+    "qos_depth",
+    "pose_type",
+    "pose_tolerance",
+    "sync_tolerance",
+    "diagnostics_period",
+)
 
 
 class NodeSettings(Settings):
