@@ -167,4 +167,3 @@ def leads_of(graph: Graph) -> Leads:
     for edge in graph.edges:
         leads.setdefault((edge.origin, edge.output.name), []).append(edge)
     return leads
-

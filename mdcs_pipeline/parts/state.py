@@ -1,0 +1,141 @@
+"""What a part remembers: frames, values, and the other hosts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from mdcs_pipeline.errors import MdcsError
+from mdcs_pipeline.frame import AWAY, Frame, Token
+from mdcs_pipeline.parts.letters import Key, Letter
+from mdcs_pipeline.runner import RunRecord
+
+# Letters that are still on their way when a frame ends must not open it again.
+_REMEMBERED = 256
+
+
+@dataclass(frozen=True)
+class Ended:
+    """The end of a frame, as the entry hears of it; well unless there is an error."""
+
+    frame: int
+    error: MdcsError | None = None
+
+
+@dataclass
+class Step:
+    """What comes of one letter.
+
+    Parameters
+    ----------
+    letters : list of Letter
+        To send, in this order.
+    results : list of (int, RunRecord)
+        Frames that came out, at the exit.
+    ended : list of Ended
+        Frames that are over, at the entry.
+    """
+
+    letters: list[Letter] = field(default_factory=list)
+    results: list[tuple[int, RunRecord]] = field(default_factory=list)
+    ended: list[Ended] = field(default_factory=list)
+
+
+@dataclass
+class State:
+    """What a host knows of one frame: the values at hand, and the frame if it has the turn."""
+
+    attempt: int
+    values: dict[Key, Any] = field(default_factory=dict)
+    frame: Frame | None = None
+
+
+@dataclass
+class Flight:
+    """A frame that the entry has sent off."""
+
+    sources: dict[str, Any]
+    began: float
+    attempt: int = 0
+
+
+@dataclass
+class _Peer:
+    incarnation: str
+    ready: bool
+    heard: float
+
+
+class Roster:
+    """The other hosts, by what they say of themselves.
+
+    Parameters
+    ----------
+    hosts : sequence of str
+    own : str
+        Left out.
+    silence : float
+        Seconds without a hello after which a host counts as gone.
+    """
+
+    def __init__(self, hosts: Sequence[str], own: str, silence: float) -> None:
+        self._hosts = [host for host in hosts if host != own]
+        self._silence = silence
+        self._peers: dict[str, _Peer] = {}
+        self._restarted = False
+
+    def meet(self, letter: Letter, now: float) -> None:
+        """Take a hello."""
+        name, before = str(letter.body.get("incarnation")), self._peers.get(letter.sender)
+        self._peers[letter.sender] = _Peer(name, bool(letter.body.get("ready")), now)
+        self._restarted |= before is not None and before.incarnation != name
+
+    def missing(self, now: float) -> str | None:
+        """Return which host is not there or not ready, or None."""
+        for host in self._hosts:
+            peer = self._peers.get(host)
+            if peer is None or now - peer.heard > self._silence:
+                return f"the host '{host}' is not there"
+            if not peer.ready:
+                return f"the host '{host}' is not ready"
+        return None
+
+    def is_whole_again(self) -> bool:
+        """Return, once, whether all are ready after one has started anew."""
+        whole = self._restarted and all(peer.ready for peer in self._peers.values())
+        self._restarted &= not whole
+        return whole
+
+
+def remember(over: dict[int, float], frame: int, attempt: float) -> None:
+    """Note that attempts up to this one of a frame are over."""
+    over[frame] = max(attempt, over.get(frame, -1))
+    while len(over) > _REMEMBERED:
+        del over[next(iter(over))]
+
+
+def fill(tokens: Iterable[Token], values: Mapping[Key, Any], frame: Frame) -> bool:
+    """Put the values at hand into a frame; return whether all of `tokens` have one."""
+    missing = {token.key for token in tokens if token.value is AWAY}
+    if not missing:
+        return True
+    if not missing <= values.keys():
+        return False
+
+    def filled(token: Token | None) -> Token | None:
+        if token is None or token.value is not AWAY or token.key not in values:
+            return token
+        return Token(*token.key, values[token.key])
+
+    for desk in frame.desks.values():
+        desk.slots = {port: [filled(t) for t in slot] for port, slot in desk.slots.items()}
+    return True
+
+
+def prune(frame: Frame, values: dict[Key, Any]) -> None:
+    """Drop the values of earlier rounds, which nothing holds any more."""
+    live = {token.key for desk in frame.desks.values() for token in desk.tokens()}
+    newest = {channel: token.version for channel, token in frame.latest.items()}
+    for key in [k for k in values if k not in live and k[2] < newest.get(k[:2], 0)]:
+        del values[key]
