@@ -84,6 +84,8 @@ class Frame:
     graph : Graph
     leads : mapping
         From `leads_of`.
+    notes : dict
+        What whoever began the run wants to find at its end.
     """
 
     graph: Graph
@@ -94,6 +96,7 @@ class Frame:
     seconds: dict[str, float] = field(init=False)
     latest: dict[tuple[str, str], Token] = field(default_factory=dict)
     exhausted: list[str] = field(default_factory=list)
+    notes: dict[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         graph = self.graph

@@ -81,7 +81,7 @@ class Post:
                 self.boxes.setdefault((letter.sender, host, channel), []).append(copy)
 
     def take(self, step: Step) -> None:
-        self.results += step.results
+        self.results += [(result.frame, result.record) for result in step.results]
         self.ended += step.ended
         for letter in step.letters:
             self.send(letter)
@@ -224,7 +224,9 @@ def test_values_of_earlier_rounds_are_not_kept() -> None:
 
 
 def failing() -> Graph:
-    text = FORK.replace("results: {number: last.number", "results: {never: hush.number, number: last.number")
+    text = FORK.replace(
+        "results: {number: last.number", "results: {never: hush.number, number: last.number"
+    )
     return graph_of(text)
 
 

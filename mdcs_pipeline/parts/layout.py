@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from mdcs_pipeline.checks import SOURCES, find_output
-from mdcs_pipeline.errors import ConfigError, suggestion
+from mdcs_pipeline.errors import ConfigError, InputError, suggestion
 from mdcs_pipeline.graph import Graph
+from mdcs_pipeline.messages import PointCloud
 
 Channel = tuple[str, str]
 
@@ -62,13 +63,21 @@ class Layout:
         return [channel for channel, hosts in self.readers().items() if host in hosts]
 
     def message_type(self, channel: Channel) -> type[Any]:
-        """Return the type of the messages of a channel."""
-        from mdcs_pipeline.messages import PointCloud
+        """Return the type of the messages of a channel.
 
+        Raises
+        ------
+        InputError
+            If the graph has no such output.
+        """
         origin, port = channel
-        if origin.startswith(SOURCES + "."):
+        source = origin.removeprefix(SOURCES + ".")
+        if origin != source and source == port and port in self.graph.spec.sources:
             return PointCloud
-        return self.graph.ports[origin].outputs[port].type
+        if origin not in self.graph.ports or port not in self.graph.ports[origin].outputs:
+            raise InputError("the graph has no such output", received=f"{origin}.{port}")
+        kind: type[Any] = self.graph.ports[origin].outputs[port].type
+        return kind
 
 
 def layout_of(graph: Graph) -> Layout:

@@ -169,6 +169,7 @@ def write_ledger(frame: Frame) -> dict[str, Any]:
         "firings": frame.firings,
         "seconds": frame.seconds,
         "exhausted": frame.exhausted,
+        "notes": frame.notes,
     }
 
 
@@ -205,6 +206,7 @@ def read_ledger(
         frame.firings = {stage: int(ledger["firings"][stage]) for stage in frame.firings}
         frame.seconds = {stage: float(ledger["seconds"][stage]) for stage in frame.seconds}
         frame.exhausted = [str(edge) for edge in ledger["exhausted"]]
+        frame.notes = dict(ledger["notes"])
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise InputError(
             "the ledger is not one of this graph",

@@ -25,6 +25,7 @@ from mdcs_pipeline.parts.letters import (
 from mdcs_pipeline.parts.state import (
     Ended,
     Flight,
+    Result,
     Roster,
     State,
     Step,
@@ -110,13 +111,15 @@ class Part:
             return "frames are still on their way"
         return None
 
-    def begin(self, sources: Mapping[str, Any]) -> Step:
+    def begin(self, sources: Mapping[str, Any], notes: Mapping[str, Any] | None = None) -> Step:
         """Send a frame off.
 
         Parameters
         ----------
         sources : mapping
             A `PointCloud` for each source of the graph.
+        notes : mapping, optional
+            What JSON can hold, for the exit.
 
         Raises
         ------
@@ -128,7 +131,7 @@ class Part:
         if reason is not None:
             raise InputError(f"the frame cannot begin: {reason}")
         number, self._number = self._number, self._number + 1
-        self._flights[number] = Flight(dict(sources), self._clock())
+        self._flights[number] = Flight(dict(sources), dict(notes or {}), self._clock())
         step = Step()
         self._send_off(number, step)
         return step
@@ -156,6 +159,7 @@ class Part:
         state = State(flight.attempt, frame=self._runner.frame())
         self._states[number] = state
         assert state.frame is not None
+        state.frame.notes = flight.notes
         for source, cloud in flight.sources.items():
             token = state.frame.put(f"{SOURCES}.{source}", source, cloud)
             if token is not None:
@@ -262,7 +266,7 @@ class Part:
         if not fill(tokens.values(), state.values, frame):
             return
         results = {key: state.values[token.key] for key, token in tokens.items()}
-        step.results.append((number, record_of(frame, results)))
+        step.results.append(Result(number, record_of(frame, results), frame.notes))
         self._end(Letter("done", self.host, self.session, number, state.attempt), step)
 
     def _fail(self, number: int, attempt: int, error: MdcsError, step: Step) -> None:

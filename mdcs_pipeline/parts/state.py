@@ -23,6 +23,23 @@ class Ended:
     error: MdcsError | None = None
 
 
+@dataclass(frozen=True)
+class Result:
+    """What came out of a frame, at the exit.
+
+    Parameters
+    ----------
+    frame : int
+    record : RunRecord
+    notes : dict
+        Those that the frame began with.
+    """
+
+    frame: int
+    record: RunRecord
+    notes: dict[str, Any]
+
+
 @dataclass
 class Step:
     """What comes of one letter.
@@ -31,14 +48,14 @@ class Step:
     ----------
     letters : list of Letter
         To send, in this order.
-    results : list of (int, RunRecord)
+    results : list of Result
         Frames that came out, at the exit.
     ended : list of Ended
         Frames that are over, at the entry.
     """
 
     letters: list[Letter] = field(default_factory=list)
-    results: list[tuple[int, RunRecord]] = field(default_factory=list)
+    results: list[Result] = field(default_factory=list)
     ended: list[Ended] = field(default_factory=list)
 
 
@@ -56,6 +73,7 @@ class Flight:
     """A frame that the entry has sent off."""
 
     sources: dict[str, Any]
+    notes: dict[str, Any]
     began: float
     attempt: int = 0
 
