@@ -51,6 +51,7 @@ def _parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("config", nargs="?", help="shipped configuration or path of a YAML file")
+    parser.add_argument("--host", help="run the stages of this host alone (see docs/ros2.md)")
     parser.add_argument(
         "--autostart", action="store_true", help="configure and activate without a manager"
     )
@@ -73,8 +74,9 @@ def _run(chosen: argparse.Namespace, ros: list[str]) -> int:
             "of its own",
         ) from error
     defaults: dict[str, Any] = {"autostart": True} if chosen.autostart else {}
-    if chosen.config is not None:
-        defaults["config"] = chosen.config
+    for name in ("config", "host"):
+        if getattr(chosen, name) is not None:
+            defaults[name] = getattr(chosen, name)
     rclpy.init(args=ros)
     try:
         node = SkeletonNode(defaults)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -260,3 +261,13 @@ def test_a_stream_with_a_wrong_byte_is_a_message_or_refused(place: int, byte: in
         wire.from_arrow(held, PointCloud)
     except InputError:
         pass
+
+
+def test_the_documented_schemas_are_those_that_travel() -> None:
+    text = (Path(__file__).parents[1] / "docs" / "wire.md").read_text()
+    longest: dict[str, str] = {}
+    for message in examples():
+        name, told = type(message).__name__, wire.describe(message)
+        longest[name] = max(longest.get(name, ""), told, key=len)
+    for name, told in longest.items():
+        assert f"### {name}\n\n```\n{told}\n```\n" in text

@@ -18,10 +18,12 @@ from mdcs_pipeline.cli.compiling import NOTICE, kernels_cached
 from mdcs_pipeline.errors import ConfigError, MdcsError
 from mdcs_pipeline.io.record import json_bytes
 from mdcs_pipeline.io.write import write_skeleton
+from mdcs_pipeline.parts.layout import Layout, check_host, layout_of
 from mdcs_pipeline.skeleton import Skeleton
 
-from ..latest import Latest
+from ..member import Given
 from .diagnostics import Diagnostics, Progress, diagnostic_array
+from .engines import Engine, PartOf, Whole, Work
 from .inputs import Inputs, points_of
 from .markers import Markers
 from .parameters import Parameters
@@ -51,7 +53,9 @@ class SkeletonNode(LifecycleNode):
     """
 
     def __init__(self, defaults: dict[str, Any]) -> None:
-        super().__init__(NAME, automatically_declare_parameters_from_overrides=True)
+        # Several hosts of one graph stand side by side.
+        name = f"{NAME}_{defaults['host']}" if defaults.get("host") else NAME
+        super().__init__(name, automatically_declare_parameters_from_overrides=True)
         self._state = "unconfigured"
         self.parameters = Parameters(self, defaults, lambda: self._state != "unconfigured")
         self.host = self.parameters.host
@@ -61,11 +65,22 @@ class SkeletonNode(LifecycleNode):
                 where=self.host.spec.file,
                 remedy="add 'sources:'; each is a topic that clouds arrive on",
             )
-        self._worker: Latest[Clouds] = Latest(self._work)
+        self._layout = None if not self.parameters.own.host else self._laid_out()
+        self._engine: Engine | None = None
         self._markers = Markers()
         self._progress = Progress()
         self._latest: Skeleton | None = None
         self._inputs: Inputs | None = None
+
+    def _laid_out(self) -> Layout:
+        layout = layout_of(self.host.graph)
+        check_host(layout, self.parameters.own.host)
+        return layout
+
+    @property
+    def is_entry(self) -> bool:
+        """Whether frames begin here."""
+        return self._layout is None or self._layout.entry == self.parameters.own.host
 
     # Transitions, in the order of a node's life.
 
@@ -81,20 +96,32 @@ class SkeletonNode(LifecycleNode):
         self._save_service = self.create_service(Trigger, "~/save", self._on_save)
         self._diagnostics = Diagnostics(self.get_fully_qualified_name(), self.host.spec.name)
         self._timer = self.create_timer(own.diagnostics_period, self._on_timer)
-        self._inputs = Inputs(self, list(self.host.spec.sources), own, self._on_frame)
+        sources = list(self.host.spec.sources) if self.is_entry else []
+        self._inputs = Inputs(self, sources, own, self._on_frame)
+        self._engine = self._make_engine()
         self._state = "inactive"
         return super().on_configure(state)
 
+    def _make_engine(self) -> Engine:
+        work, own = Work(self._decode, self._publish, self._refuse), self.parameters.own
+        if not own.host:
+            return Whole(self.host, work)
+        part = PartOf(self, self.host, own.host, work, own.frame_timeout)
+        self.parameters.on_change = part.change
+        return part
+
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Begin to take clouds."""
-        self._worker.start()
+        assert self._engine is not None
+        self._engine.start()
         self._state = "active"
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Finish the frame at work and take no more; the latest result stays."""
+        assert self._engine is not None
         self._state = "inactive"
-        self._worker.stop()
+        self._engine.stop()
         return super().on_deactivate(state)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -117,14 +144,17 @@ class SkeletonNode(LifecycleNode):
     def close(self) -> None:
         """End the work, whatever the state."""
         self._state = "unconfigured"
-        self._worker.stop()
+        if self._engine is not None:
+            self._engine.stop()
         self._unmake()
 
     def _unmake(self) -> None:
-        if self._inputs is None:
+        if self._inputs is None or self._engine is None:
             return
         self._inputs.close()
-        self._inputs = None
+        self._engine.close()
+        self._inputs = self._engine = None
+        self.parameters.on_change = None
         self.destroy_timer(self._timer)
         for service in (self._reset_service, self._save_service):
             self.destroy_service(service)
@@ -135,40 +165,35 @@ class SkeletonNode(LifecycleNode):
 
     def _on_frame(self, clouds: Clouds) -> None:
         self._progress.cloud_at = time.monotonic()
-        if self._state == "active":
-            self._worker.offer(clouds)
+        if self._state == "active" and self._engine is not None:
+            self._engine.offer(clouds)
 
-    def _work(self, clouds: Clouds) -> bool:
-        began = time.perf_counter()
-        inputs = self._inputs
-        try:
-            poses = None if inputs is None else inputs.poses
-            points, stamp_ns, frame_id = points_of(clouds, poses, self.parameters.own.pose_wait)
-            skeleton = self.host.push(points, stamp_ns, frame_id)
-            self._publish(skeleton)
-        except MdcsError as error:
+    def _decode(self, clouds: Clouds) -> Given:
+        poses = None if self._inputs is None else self._inputs.poses
+        points, stamp_ns, frame_id = points_of(clouds, poses, self.parameters.own.pose_wait)
+        self._progress.points = sum(len(held) for held in points.values())
+        return Given(points, stamp_ns, frame_id)
+
+    def _refuse(self, error: Exception) -> None:
+        if isinstance(error, MdcsError):
             self._progress.error = str(error)
             self.get_logger().warning(f"frame refused: {error}", throttle_duration_sec=2.0)
-            return False
-        except Exception as error:
-            # One bad frame must not end the node; what it was is told.
-            self._progress.error = f"{type(error).__name__}: {error}"
-            self.get_logger().error(f"frame failed: {self._progress.error}")
-            return False
-        progress = self._progress
-        progress.error = ""
-        progress.seconds = time.perf_counter() - began
-        progress.points = sum(len(held) for held in points.values())
-        progress.nodes = len(skeleton)
-        progress.lag = (self.get_clock().now().nanoseconds - stamp_ns) / NANO
-        return True
+            return
+        # One bad frame must not end the node; what it was is told.
+        self._progress.error = f"{type(error).__name__}: {error}"
+        self.get_logger().error(f"frame failed: {self._progress.error}")
 
     def _publish(self, skeleton: Skeleton) -> None:
-        own = self.parameters.own
+        own, progress = self.parameters.own, self._progress
         markers = self._markers.show(skeleton, own.line_width, own.node_size)
         self._skeleton_topic.publish(String(data=json_bytes(skeleton).decode()))
         self._marker_topic.publish(markers)
         self._latest = skeleton
+        progress.error = ""
+        progress.seconds = sum(skeleton.diagnostics.get("seconds", {}).values())
+        progress.nodes = len(skeleton)
+        now = self.get_clock().now().nanoseconds
+        progress.lag = (now - skeleton.header.stamp_ns) / NANO
 
     # Services and timers.
 
@@ -178,8 +203,8 @@ class SkeletonNode(LifecycleNode):
         return answer
 
     def _forget(self) -> None:
-        self._worker.clear()
-        self.host.reset()
+        if self._engine is not None:
+            self._engine.reset()
         self._marker_topic.publish(self._markers.clear())
         self._latest = None
         self._progress = Progress()
@@ -202,15 +227,15 @@ class SkeletonNode(LifecycleNode):
         return answer
 
     def _on_timer(self) -> None:
-        if self._inputs is None:
+        if self._inputs is None or self._engine is None:
             return
         statuses = self._diagnostics.statuses(
             self._state,
             self._inputs.counts,
-            self._worker.counts,
+            self._engine.counts,
             self._progress,
             self.parameters.own.stale_after,
-            {},
+            self._engine.notes(),
         )
         stamp = self.get_clock().now().to_msg()
         self._diagnostics_topic.publish(diagnostic_array(stamp, statuses))

@@ -10,6 +10,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from mdcs_pipeline.errors import ConfigError, MdcsError, suggestion
+from mdcs_pipeline.graph import Graph
 
 from ..host import Host, describe, is_place
 from .settings import OF_PROCESS, NodeSettings, changed_settings, own_settings
@@ -34,6 +35,11 @@ class Parameters:
     configured : callable
         Whether the node is past its configuration.
 
+    Attributes
+    ----------
+    on_change : callable, optional
+        Hears of the graph after a change of its settings.
+
     Raises
     ------
     ConfigError
@@ -48,6 +54,7 @@ class Parameters:
         given = self._given()
         plain = {name: value for name, value in given.items() if "." not in name}
         dotted = {name: value for name, value in given.items() if "." in name}
+        self.on_change: Callable[[Graph], None] | None = None
         self.own: NodeSettings = own_settings({**defaults, **plain})
         self.host = Host(self.own.config)
         self._check_known(dotted)
@@ -109,6 +116,8 @@ class Parameters:
             self.own = own_settings({**self.own.model_dump(), **own})
         if dotted:
             self.host.change(dotted)
+            if self.on_change is not None:
+                self.on_change(self.host.graph)
 
 
 def _split(parameters: list[Parameter]) -> tuple[dict[str, Any], dict[str, Any]]:

@@ -12,7 +12,7 @@ from mdcs_pipeline.io.write import SKELETON_SUFFIXES
 from mdcs_pipeline.stage import Settings
 
 # Known when the process starts, and not for remote hands afterwards.
-OF_PROCESS = ("config", "autostart", "save_folder")
+OF_PROCESS = ("config", "host", "autostart", "save_folder")
 # Read when the node is configured.
 OF_CONFIGURED = (
     "qos_reliability",
@@ -22,6 +22,7 @@ OF_CONFIGURED = (
     "pose_tolerance",
     "sync_tolerance",
     "diagnostics_period",
+    "frame_timeout",
 )
 
 
@@ -29,6 +30,12 @@ class NodeSettings(Settings):
     """Parameters of the node itself."""
 
     config: str = Field("default", description="Shipped configuration, or path of a YAML file.")
+    host: str = Field(
+        "", description="Run the stages of this host alone; empty for all of the graph."
+    )
+    frame_timeout: float = Field(
+        60.0, gt=0, description="Seconds after which a frame between hosts counts as lost."
+    )
     autostart: bool = Field(False, description="Configure and activate without a manager.")
     qos_reliability: Literal["auto", "reliable", "best_effort"] = Field(
         "auto",
