@@ -10,12 +10,13 @@ SYSTEM := libusb-1.0-0 libegl1 libgl1 libx11-6 libudev1 libidn2-0 libgomp1
 PACKAGING := pyproject.toml
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-ros2 lint clean bench-topology
+.PHONY: help demo test test-ros2 test-dora lint clean bench-topology
 
 help:
 	@echo 'make demo            set up, and run the main job on a cloud of its own: out/demo'
 	@echo 'make test            set up, and run every check'
 	@echo 'make test-ros2       the ROS 2 node, in an environment of its own'
+	@echo 'make test-dora       dora dataflows, in an environment of their own'
 	@echo 'make lint            the checks without the tests'
 	@echo 'make bench-topology  all of the topology benchmark (hours)'
 	@echo 'make clean           remove what was set up and made'
@@ -30,6 +31,9 @@ test: lint
 test-ros2: $(VENV)-ros2/.ros2
 	$(VENV)-ros2/bin/python -m pytest tests/ros2 tests/test_nodes.py
 
+test-dora: $(VENV)-dora/.dora
+	$(VENV)-dora/bin/python -m pytest tests/dora
+
 lint: $(VENV)/.test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -41,7 +45,7 @@ bench-topology: $(VENV)/.test
 	  --method mdcs:default --method mdcs:paper --sheet build/failures.png --readme
 
 clean:
-	rm -rf .venv .venv-ros2 build dist out *.egg-info .coverage .pytest_cache .mypy_cache .ruff_cache \
+	rm -rf .venv .venv-ros2 .venv-dora build dist out *.egg-info .coverage .pytest_cache .mypy_cache .ruff_cache \
 	  .hypothesis .import_linter_cache
 	find mdcs_pipeline nodes configs tests benchmarks -name __pycache__ -prune -exec rm -rf {} +
 
@@ -59,9 +63,9 @@ $(VENV)/.venv:
 	$(PIP) install --upgrade pip
 	@touch $@
 
-$(VENV)-ros2/.ros2: $(PACKAGING)
-	$(MAKE) VENV=$(VENV)-ros2 $(VENV)-ros2/.venv
-	$(VENV)-ros2/bin/python -m pip --disable-pip-version-check -q install -e '.[ros2,test]'
+$(VENV)-ros2/.ros2 $(VENV)-dora/.dora: $(PACKAGING)
+	$(MAKE) VENV=$(@D) $(@D)/.venv
+	$(@D)/bin/python -m pip --disable-pip-version-check -q install -e '.[$(patsubst .%,%,$(@F)),test]'
 	@touch $@
 
 $(VENV)/.demo: $(PACKAGING) | $(VENV)/.venv

@@ -98,8 +98,8 @@ class Member:
         self._go_on()
 
     def tick(self) -> None:
-        """Give up what takes too long, and begin what can."""
-        self._take(self.part.expire())
+        """Send again what may be lost, give up what takes too long, begin what can."""
+        self._take(self.part.tick())
         self._go_on()
 
     def clear(self) -> None:

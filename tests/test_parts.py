@@ -57,8 +57,8 @@ class Post:
     Letters of one channel between two hosts keep their order, as both transports promise.
     """
 
-    def __init__(self, graph: Graph, seed: int = 0, **options: Any) -> None:
-        self.graph, self.options = graph, options
+    def __init__(self, graph: Graph, seed: int = 0, loss: float = 0, **options: Any) -> None:
+        self.graph, self.options, self.loss = graph, options, loss
         self.layout = layout_of(graph)
         self.random = random.Random(seed)
         self.parts = {host: Part(graph, host, **options) for host in self.layout.hosts}
@@ -77,7 +77,8 @@ class Post:
         channel = copy.key[:2] if copy.kind == "value" else None
         heard = self.layout.readers().get(channel, ()) if channel else self.layout.hosts
         for host in heard:
-            if host != letter.sender:
+            lost = letter.kind != "hello" and self.random.random() < self.loss
+            if host != letter.sender and not lost:
                 self.boxes.setdefault((letter.sender, host, channel), []).append(copy)
 
     def take(self, step: Step) -> None:
@@ -171,6 +172,35 @@ def test_a_host_that_starts_anew_costs_no_frame(
     assert post.ended[1:] == [Ended(1)]
 
 
+@settings(max_examples=60, deadline=None)
+@given(
+    text=st.sampled_from([LOOPS, FORK]),
+    hosts=st.lists(st.sampled_from("abc"), min_size=2, max_size=6),
+    seed=st.integers(0, 2**32),
+    loss=st.floats(0, 0.5),
+)
+def test_letters_that_get_lost_cost_time_and_nothing_else(
+    text: str, hosts: list[str], seed: int, loss: float
+) -> None:
+    now = [0.0]
+    graph = placed(graph_of(text), hosts)
+    sources = {"cloud": cloud()} if graph.spec.sources else {}
+    post = Post(graph, seed, loss, clock=lambda: now[0], frame_seconds=1e9)
+    post.take(post.entry.begin(sources))
+    for _ in range(2000):
+        post.deliver()
+        if post.ended:
+            break
+        now[0] += 0.5
+        for part in list(post.parts.values()):
+            post.take(part.tick())
+    assert post.ended == [Ended(0)]
+    expected = as_one(graph, sources)
+    assert isinstance(expected, RunRecord)
+    ((_, record),) = post.results
+    alike(record, expected)
+
+
 @pytest.mark.parametrize("hosts", ["ab", "abc", "aabb"])
 def test_several_frames_on_their_way(hosts: str) -> None:
     graph = placed(graph_of(FORK), hosts)
@@ -251,9 +281,9 @@ def test_a_frame_that_gets_lost_is_given_up() -> None:
     post = Post(placed(graph_of(FORK), "ab"), frame_seconds=5, clock=clock)
     post.entry.begin({"cloud": cloud()})
     now[0] = 5.0
-    assert post.entry.expire().ended == []
+    assert post.entry.tick().ended == []
     now[0] = 5.1
-    step = post.entry.expire()
+    step = post.entry.tick()
     (ended,) = step.ended
     assert "lost on its way" in str(ended.error)
     assert post.entry.under_way == 0

@@ -3,7 +3,8 @@
 A frame has one turn. Who holds it fires the next stage if that is his own, and passes the
 turn to the stage's host otherwise, with the ledger: what lies where, all but the values.
 Values go out when they are made, to whom the graph leads. So every stage sees what it
-would see within one process, in the same order.
+would see within one process, in the same order. A network may lose letters: turns and ends
+are sent again until they are acknowledged, and values that stay away are asked for.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from mdcs_pipeline.frame import AWAY, Frame, Leads, Token
 from mdcs_pipeline.graph import Graph
 
 VERSION = 1
-Kind = Literal["value", "turn", "done", "failed", "hello"]
+Kind = Literal["value", "turn", "done", "failed", "hello", "got", "want"]
 Key = tuple[str, str, int]
 
 _ERRORS: dict[str, type[MdcsError]] = {
@@ -41,7 +42,7 @@ class Letter:
 
     Parameters
     ----------
-    kind : {"value", "turn", "done", "failed", "hello"}
+    kind : {"value", "turn", "done", "failed", "hello", "got", "want"}
     sender : str
         Host.
     session : int
@@ -49,8 +50,9 @@ class Letter:
     frame, attempt : int
         Running numbers, from 0.
     body : dict
-        What JSON can hold, by kind: ``origin, port, version`` of a value; ``to, ledger`` of
-        a turn; ``error`` of a failure; ``incarnation, ready, graph`` of a hello.
+        What JSON can hold, by kind: ``origin, port, version`` of a value; ``to, hop, ledger``
+        of a turn; ``error`` of a failure; ``incarnation, ready, graph`` of a hello;
+        ``to, of, hop`` of what acknowledges a turn or an end; ``keys`` of values wanted.
     message : object, optional
         Of a value.
     """
@@ -214,6 +216,20 @@ def read_ledger(
             remedy="run the same configuration on every host",
         ) from error
     return frame
+
+
+def wanted_keys(letter: Letter) -> list[Key]:
+    """Return the names of the values that a letter asks for.
+
+    Raises
+    ------
+    InputError
+        If they are none.
+    """
+    try:
+        return [_key(held) for held in letter.body["keys"]]
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError("the letter names no values", received=str(letter.body)) from error
 
 
 def _key(held: Any) -> Key:

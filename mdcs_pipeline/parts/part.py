@@ -9,34 +9,34 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from mdcs_pipeline.checks import SOURCES
-from mdcs_pipeline.errors import InputError, MdcsError, StageError
-from mdcs_pipeline.frame import Frame, Token, leads_of
+from mdcs_pipeline.errors import InputError, StageError
+from mdcs_pipeline.frame import Frame
 from mdcs_pipeline.graph import Graph
 from mdcs_pipeline.hooks import Hook
-from mdcs_pipeline.parts.layout import check_host, layout_of
+from mdcs_pipeline.parts.delivery import AGAIN_SECONDS, answer_to
 from mdcs_pipeline.parts.letters import (
+    Key,
     Letter,
-    error_body,
     fingerprint,
     read_error,
     read_ledger,
-    write_ledger,
+    wanted_keys,
 )
 from mdcs_pipeline.parts.state import (
     Ended,
     Flight,
-    Result,
     Roster,
     State,
     Step,
-    fill,
-    prune,
+    missing,
     remember,
+    state_of,
 )
-from mdcs_pipeline.runner import Runner, check_sources, record_of
+from mdcs_pipeline.parts.turns import Turns
+from mdcs_pipeline.runner import check_sources
 
 
-class Part:
+class Part(Turns):
     """The stages of one host.
 
     Parameters
@@ -72,15 +72,9 @@ class Part:
         silence: float = math.inf,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self.layout = layout_of(graph)
-        check_host(self.layout, host)
-        self.host = host
-        self._runner = Runner(graph, hooks)
-        self._leads = leads_of(graph)
-        self._readers = self.layout.readers()
+        super().__init__(graph, host, hooks, clock)
         self._graph_name = fingerprint(graph)
         self._in_flight, self._frame_seconds = in_flight, frame_seconds
-        self._clock = clock
         self._incarnation = secrets.token_hex(4)
         self.session = time.time_ns() if host == self.layout.entry else 0
         self._number = 0
@@ -88,10 +82,6 @@ class Part:
         self._over: dict[int, float] = {}
         self._flights: dict[int, Flight] = {}
         self._roster = Roster(self.layout.hosts, host, silence)
-
-    def change(self, graph: Graph) -> None:
-        """Run the letters to come with other settings of the same graph."""
-        self._runner = Runner(graph, self._runner.hooks)
 
     def hello(self, ready: bool = True) -> Letter:
         """Return what a host says of itself from time to time, and first of all."""
@@ -141,9 +131,14 @@ class Part:
         """How many frames have begun here and not ended."""
         return len(self._flights)
 
-    def expire(self) -> Step:
-        """Give up frames that take too long."""
-        step, now = Step(), self._clock()
+    def tick(self) -> Step:
+        """Send again what may be lost, ask for what stays away, give up what takes too long."""
+        step, now = Step(self._delivery.due()), self._clock()
+        for number, state in self._states.items():
+            if state.frame is not None and now - state.waits > AGAIN_SECONDS:
+                state.waits = now
+                body = {"keys": [list(key) for key in self._awaited(state.frame, state)]}
+                step.letters.append(self._letter("want", number, state.attempt, body))
         late = [n for n, f in self._flights.items() if now - f.began > self._frame_seconds]
         for number in late:
             error = StageError(
@@ -153,6 +148,12 @@ class Part:
             )
             self._fail(number, self._flights[number].attempt, error, step)
         return step
+
+    def _awaited(self, frame: Frame, state: State) -> list[Key]:
+        name = frame.next()
+        if name is not None:
+            return missing(frame.desks[name].tokens(), state.values)
+        return missing(map(frame.result, self.layout.graph.spec.results), state.values)
 
     def _send_off(self, number: int, step: Step) -> None:
         flight = self._flights[number]
@@ -181,25 +182,43 @@ class Part:
             return step
         if letter.kind == "hello":
             self._meet(letter, step)
-            return step
-        if not self._is_current(letter):
-            return step
-        if letter.kind in ("done", "failed"):
-            self._close(letter, step)
-            return step
-        state = self._states.get(letter.frame)
-        if state is None or state.attempt < letter.attempt:
-            state = self._states[letter.frame] = State(letter.attempt)
-        if state.attempt > letter.attempt:
-            return step
+        elif letter.kind == "got":
+            if letter.body.get("to") == self.host and letter.session == self.session:
+                self._delivery.got(letter)
+        elif letter.kind in ("done", "failed"):
+            if self.host == self.layout.entry and letter.session == self.session:
+                step.letters.append(answer_to(letter, self.host))
+            if self._is_current(letter):
+                self._close(letter, step)
+        elif letter.kind == "turn" and letter.body.get("to") != self.host:
+            self._is_current(letter)
+        elif self._is_current(letter):
+            self._take(letter, step)
+        return step
+
+    def _take(self, letter: Letter, step: Step) -> None:
+        state = state_of(self._states, letter.frame, letter.attempt)
+        if state is None:
+            return
+        if letter.kind == "want":
+            self._send_wanted(letter, state, step)
+            return
         if letter.kind == "value":
             state.values[letter.key] = letter.message
-        elif letter.body.get("to") == self.host:
-            ledger = letter.body.get("ledger") or {}
-            state.frame = read_ledger(ledger, self.layout.graph, self._leads, state.values)
+        else:
+            hop, ledger = int(letter.body.get("hop") or 0), letter.body.get("ledger") or {}
+            if hop > state.hop:
+                graph = self.layout.graph
+                state.frame = read_ledger(ledger, graph, self._leads, state.values)
+                state.hop, state.waits = hop, self._clock()
+            step.letters.append(answer_to(letter, self.host))
         if state.frame is not None:
             self._advance(letter.frame, state, step)
-        return step
+
+    def _send_wanted(self, letter: Letter, state: State, step: Step) -> None:
+        for key in wanted_keys(letter):
+            if key in state.values and self.layout.host(key[0]) == self.host:
+                step.letters.append(self._value(letter.frame, state, key))
 
     def _is_current(self, letter: Letter) -> bool:
         if self.host != self.layout.entry and letter.session > self.session:
@@ -207,6 +226,7 @@ class Part:
             self.session = letter.session
             self._states.clear()
             self._over.clear()
+            self._delivery.clear()
         return letter.session == self.session and letter.attempt > self._over.get(letter.frame, -1)
 
     def _meet(self, letter: Letter, step: Step) -> None:
@@ -228,66 +248,8 @@ class Part:
         if failed and state is not None and state.attempt > letter.attempt:
             return
         self._states.pop(letter.frame, None)
+        self._delivery.forget(letter.frame)
         remember(self._over, letter.frame, letter.attempt if failed else math.inf)
         if self._flights.pop(letter.frame, None) is not None:
             error = read_error(letter.body.get("error") or {}) if failed else None
             step.ended.append(Ended(letter.frame, error))
-
-    # The turn.
-
-    def _advance(self, number: int, state: State, step: Step) -> None:
-        frame = state.frame
-        assert frame is not None
-        while (name := frame.next()) is not None:
-            if self.layout.host(name) != self.host:
-                self._hand_over(number, state, self.layout.host(name), step)
-                return
-            if not fill(frame.desks[name].tokens(), state.values, frame):
-                return
-            try:
-                tokens = self._runner.fire(name, frame)
-            except MdcsError as error:
-                self._fail(number, state.attempt, error, step)
-                return
-            for token in tokens:
-                self._spread(number, state, token, step)
-            prune(frame, state.values)
-        if self.host != self.layout.exit:
-            self._hand_over(number, state, self.layout.exit, step)
-        else:
-            self._finish(number, state, frame, step)
-
-    def _finish(self, number: int, state: State, frame: Frame, step: Step) -> None:
-        try:
-            tokens = {key: frame.result(key) for key in self.layout.graph.spec.results}
-        except MdcsError as error:
-            self._fail(number, state.attempt, error, step)
-            return
-        if not fill(tokens.values(), state.values, frame):
-            return
-        results = {key: state.values[token.key] for key, token in tokens.items()}
-        step.results.append(Result(number, record_of(frame, results), frame.notes))
-        self._end(Letter("done", self.host, self.session, number, state.attempt), step)
-
-    def _fail(self, number: int, attempt: int, error: MdcsError, step: Step) -> None:
-        body = {"error": error_body(error)}
-        self._end(Letter("failed", self.host, self.session, number, attempt, body), step)
-
-    def _end(self, letter: Letter, step: Step) -> None:
-        step.letters.append(letter)
-        self._close(letter, step)
-
-    def _hand_over(self, number: int, state: State, to: str, step: Step) -> None:
-        assert state.frame is not None
-        body = {"to": to, "ledger": write_ledger(state.frame)}
-        step.letters.append(Letter("turn", self.host, self.session, number, state.attempt, body))
-        state.frame = None
-
-    def _spread(self, number: int, state: State, token: Token, step: Step) -> None:
-        """Keep a value that was made here, and send it to the hosts that need it."""
-        state.values[token.key] = token.value
-        if self._readers.get((token.origin, token.port)):
-            body = {"origin": token.origin, "port": token.port, "version": token.version}
-            step.letters.append(
-                Letter("value", self.host, self.session, number, state.attempt, body, token.value)
-            )

@@ -13,6 +13,8 @@ from mdcs_pipeline.runner import RunRecord
 
 # Letters that are still on their way when a frame ends must not open it again.
 _REMEMBERED = 256
+# Frames whose end was not heard of must not pile up.
+_MOST_STATES = 128
 
 
 @dataclass(frozen=True)
@@ -61,9 +63,22 @@ class Step:
 
 @dataclass
 class State:
-    """What a host knows of one frame: the values at hand, and the frame if it has the turn."""
+    """What a host knows of one frame: the values at hand, and the frame if it has the turn.
+
+    Parameters
+    ----------
+    attempt : int
+    hop : int
+        Times that the turn had been passed when it was last seen here.
+    values : dict
+    frame : Frame, optional
+    waits : float
+        When it began to wait for values.
+    """
 
     attempt: int
+    hop: int = 0
+    waits: float = 0.0
     values: dict[Key, Any] = field(default_factory=dict)
     frame: Frame | None = None
 
@@ -133,6 +148,16 @@ def remember(over: dict[int, float], frame: int, attempt: float) -> None:
         del over[next(iter(over))]
 
 
+def state_of(states: dict[int, State], frame: int, attempt: int) -> State | None:
+    """Return the state of an attempt, a new one if need be; None if a later one is known."""
+    state = states.get(frame)
+    if state is None or state.attempt < attempt:
+        state = states[frame] = State(attempt)
+        while len(states) > _MOST_STATES:
+            del states[next(iter(states))]
+    return state if state.attempt == attempt else None
+
+
 def fill(tokens: Iterable[Token], values: Mapping[Key, Any], frame: Frame) -> bool:
     """Put the values at hand into a frame; return whether all of `tokens` have one."""
     missing = {token.key for token in tokens if token.value is AWAY}
@@ -149,6 +174,12 @@ def fill(tokens: Iterable[Token], values: Mapping[Key, Any], frame: Frame) -> bo
     for desk in frame.desks.values():
         desk.slots = {port: [filled(t) for t in slot] for port, slot in desk.slots.items()}
     return True
+
+
+def missing(wanted: Iterable[Token], values: Mapping[Key, Any]) -> list[Key]:
+    """Return the names of the values that are neither in their tokens nor at hand."""
+    held = [token for token in wanted if token.value is AWAY and token.key not in values]
+    return list(dict.fromkeys(token.key for token in held))
 
 
 def prune(frame: Frame, values: dict[Key, Any]) -> None:
