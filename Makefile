@@ -32,7 +32,7 @@ test-ros2: $(VENV)-ros2/.ros2
 	$(VENV)-ros2/bin/python -m pytest tests/ros2 tests/test_nodes.py
 
 test-dora: $(VENV)-dora/.dora
-	$(VENV)-dora/bin/python -m pytest tests/dora
+	$(VENV)-dora/bin/python -m pytest tests/dataflow
 
 lint: $(VENV)/.test
 	$(BIN)/ruff check .

@@ -87,6 +87,11 @@ class Member:
             self.counts = replace(self.counts, replaced=self.counts.replaced + 1)
         self._go_on()
 
+    def reject(self, error: MdcsError) -> None:
+        """Count a cloud that could not even be read."""
+        self.counts = replace(self.counts, offered=self.counts.offered + 1)
+        self._failed(error)
+
     def receive(self, letter: Letter) -> None:
         """Take a letter from another host; a bad one is refused and forgotten."""
         try:

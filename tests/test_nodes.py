@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import importlib.util
+import sys
 import threading
 from pathlib import Path
 
@@ -9,11 +11,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
+from mdcs_pipeline import wire
+from mdcs_pipeline.errors import ConfigError, InputError, MissingExtraError
+from mdcs_pipeline.nodes import dora, ros2
 from mdcs_pipeline.nodes.host import Host, settings_of
 from mdcs_pipeline.nodes.latest import Counts, Latest
 from mdcs_pipeline.nodes.poses import Pose, PoseBuffer, between, make_pose, rotation
-
-from mdcs_pipeline.errors import ConfigError, InputError
 from mdcs_pipeline.pipeline import skeletonize
 
 
@@ -187,3 +191,27 @@ def test_a_pose_too_far_in_time_is_none() -> None:
     buffer.add(make_pose(300, "map", (0, 0, 0), (0, 0, 0, 1)))
     with pytest.raises(InputError, match="no pose is near"):
         buffer.wait(100, 0)
+
+
+@pytest.mark.parametrize(
+    ("needs", "main", "arguments"),
+    [
+        ("rclpy", ros2.main, ["default"]),
+        ("dora", dora.main, ["part", "default", "--host", "main"]),
+    ],
+)
+def test_a_runtime_that_is_not_there_is_named(
+    needs: str, main: object, arguments: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    if importlib.util.find_spec(needs) is not None:
+        pytest.skip(f"{needs} is installed")
+    pytest.importorskip("pyarrow")
+    assert main(arguments) == 2  # type: ignore[operator]
+    said = capsys.readouterr().err
+    assert "pip install" in said and needs in said
+
+
+def test_arrow_that_is_not_there_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    with pytest.raises(MissingExtraError, match="ros2"):
+        wire.to_bytes(None, "")

@@ -199,9 +199,11 @@ class PartOf:
 
         def begin() -> None:
             try:
-                self._member.offer(self._hands.decode(clouds))
+                given = self._hands.decode(clouds)
             except MdcsError as error:
-                self._hands.refuse(error)
+                self._member.reject(error)
+            else:
+                self._member.offer(given)
 
         self._events.put(begin)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from pathlib import Path
 from typing import Any
@@ -68,6 +69,8 @@ class SkeletonNode(LifecycleNode):
         self._layout = None if not self.parameters.own.host else self._laid_out()
         self._engine: Engine | None = None
         self._markers = Markers()
+        # Results are shown from the thread of the frames, and taken away from the executor's.
+        self._showing = threading.Lock()
         self._progress = Progress()
         self._latest: Skeleton | None = None
         self._inputs: Inputs | None = None
@@ -185,9 +188,11 @@ class SkeletonNode(LifecycleNode):
 
     def _publish(self, skeleton: Skeleton) -> None:
         own, progress = self.parameters.own, self._progress
-        markers = self._markers.show(skeleton, own.line_width, own.node_size)
-        self._skeleton_topic.publish(String(data=json_bytes(skeleton).decode()))
-        self._marker_topic.publish(markers)
+        text = String(data=json_bytes(skeleton).decode())
+        with self._showing:
+            markers = self._markers.show(skeleton, own.line_width, own.node_size)
+            self._skeleton_topic.publish(text)
+            self._marker_topic.publish(markers)
         self._latest = skeleton
         progress.error = ""
         progress.seconds = sum(skeleton.diagnostics.get("seconds", {}).values())
@@ -205,7 +210,8 @@ class SkeletonNode(LifecycleNode):
     def _forget(self) -> None:
         if self._engine is not None:
             self._engine.reset()
-        self._marker_topic.publish(self._markers.clear())
+        with self._showing:
+            self._marker_topic.publish(self._markers.clear())
         self._latest = None
         self._progress = Progress()
         if self._inputs is not None:
