@@ -137,6 +137,13 @@ class PartNode:
             # What nobody has taken yet would go with the one who sent it.
             if not self._open and self._member.idle and not self._unwritten:
                 break
+        if self._is_entry:
+            counts = self._member.counts
+            print(
+                f"clouds {counts.offered}, done {counts.done}, failed {counts.failed}, "
+                f"dropped {counts.replaced}",
+                flush=True,
+            )
         return 0
 
     def _tick(self) -> None:
