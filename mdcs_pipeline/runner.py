@@ -9,9 +9,9 @@ from typing import Any, get_origin
 
 from mdcs_pipeline.checks import SOURCES, type_name
 from mdcs_pipeline.errors import InputError, MdcsError, StageError, suggestion
-from mdcs_pipeline.frame import Frame, Token, leads_of
 from mdcs_pipeline.graph import Graph
 from mdcs_pipeline.hooks import Hook, StageEvent, figures_of, notify
+from mdcs_pipeline.run_state import RunState, Token, leads_of
 from mdcs_pipeline.stage import Port
 
 
@@ -93,11 +93,11 @@ class Runner:
         notify(self.hooks, "run_finished", record)
         return record
 
-    def frame(self) -> Frame:
+    def frame(self) -> RunState:
         """Return the state of a run that is to begin."""
-        return Frame(self.graph, self._leads)
+        return RunState(self.graph, self._leads)
 
-    def fire(self, name: str, frame: Frame) -> list[Token]:
+    def fire(self, name: str, frame: RunState) -> list[Token]:
         """Fire one stage, lay its outputs where they lead, and return them."""
         inputs = frame.take(name)
         notify(self.hooks, "stage_started", name, frame.firings[name])
@@ -127,7 +127,7 @@ class Runner:
         return dict(_checked(returned, self.graph.ports[name].outputs, where))
 
 
-def record_of(frame: Frame, results: dict[str, Any]) -> RunRecord:
+def record_of(frame: RunState, results: dict[str, Any]) -> RunRecord:
     """Return the record of a run that has ended."""
     return RunRecord(
         results=results,

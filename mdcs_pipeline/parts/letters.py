@@ -23,8 +23,8 @@ from mdcs_pipeline.errors import (
     OutputError,
     StageError,
 )
-from mdcs_pipeline.frame import AWAY, Frame, Leads, Token
 from mdcs_pipeline.graph import Graph
+from mdcs_pipeline.run_state import AWAY, Leads, RunState, Token
 
 VERSION = 1
 Kind = Literal["value", "turn", "done", "failed", "hello", "got", "want"]
@@ -154,7 +154,7 @@ def read_error(body: Mapping[str, Any]) -> MdcsError:
     )
 
 
-def write_ledger(frame: Frame) -> dict[str, Any]:
+def write_ledger(frame: RunState) -> dict[str, Any]:
     """Return all of a frame's state but the values."""
 
     def name(token: Token | None) -> list[Any] | None:
@@ -177,7 +177,7 @@ def write_ledger(frame: Frame) -> dict[str, Any]:
 
 def read_ledger(
     ledger: Mapping[str, Any], graph: Graph, leads: Leads, values: Mapping[Key, Any]
-) -> Frame:
+) -> RunState:
     """Return the frame of a ledger, with what values there are.
 
     Raises
@@ -185,7 +185,7 @@ def read_ledger(
     InputError
         If it is not one of this graph.
     """
-    frame = Frame(graph, leads)
+    frame = RunState(graph, leads)
 
     def token(held: Any) -> Token | None:
         if held is None:

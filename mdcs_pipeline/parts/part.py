@@ -10,7 +10,6 @@ from typing import Any
 
 from mdcs_pipeline.checks import SOURCES
 from mdcs_pipeline.errors import InputError, StageError
-from mdcs_pipeline.frame import Frame
 from mdcs_pipeline.graph import Graph
 from mdcs_pipeline.hooks import Hook
 from mdcs_pipeline.parts.delivery import AGAIN_SECONDS, answer_to
@@ -33,6 +32,7 @@ from mdcs_pipeline.parts.state import (
     state_of,
 )
 from mdcs_pipeline.parts.turns import Turns
+from mdcs_pipeline.run_state import RunState
 from mdcs_pipeline.runner import check_sources
 
 
@@ -149,7 +149,7 @@ class Part(Turns):
             self._fail(number, self._flights[number].attempt, error, step)
         return step
 
-    def _awaited(self, frame: Frame, state: State) -> list[Key]:
+    def _awaited(self, frame: RunState, state: State) -> list[Key]:
         name = frame.next()
         if name is not None:
             return missing(frame.desks[name].tokens(), state.values)

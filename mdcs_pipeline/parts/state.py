@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from mdcs_pipeline.errors import MdcsError
-from mdcs_pipeline.frame import AWAY, Frame, Token
 from mdcs_pipeline.parts.letters import Key, Letter
+from mdcs_pipeline.run_state import AWAY, RunState, Token
 from mdcs_pipeline.runner import RunRecord
 
 # Letters that are still on their way when a frame ends must not open it again.
@@ -71,7 +71,7 @@ class State:
     hop : int
         Times that the turn had been passed when it was last seen here.
     values : dict
-    frame : Frame, optional
+    frame : RunState, optional
     waits : float
         When it began to wait for values.
     """
@@ -80,7 +80,7 @@ class State:
     hop: int = 0
     waits: float = 0.0
     values: dict[Key, Any] = field(default_factory=dict)
-    frame: Frame | None = None
+    frame: RunState | None = None
 
 
 @dataclass
@@ -158,7 +158,7 @@ def state_of(states: dict[int, State], frame: int, attempt: int) -> State | None
     return state if state.attempt == attempt else None
 
 
-def fill(tokens: Iterable[Token], values: Mapping[Key, Any], frame: Frame) -> bool:
+def fill(tokens: Iterable[Token], values: Mapping[Key, Any], frame: RunState) -> bool:
     """Put the values at hand into a frame; return whether all of `tokens` have one."""
     missing = {token.key for token in tokens if token.value is AWAY}
     if not missing:
@@ -182,7 +182,7 @@ def missing(wanted: Iterable[Token], values: Mapping[Key, Any]) -> list[Key]:
     return list(dict.fromkeys(token.key for token in held))
 
 
-def prune(frame: Frame, values: dict[Key, Any]) -> None:
+def prune(frame: RunState, values: dict[Key, Any]) -> None:
     """Drop the values of earlier rounds, which nothing holds any more."""
     live = {token.key for desk in frame.desks.values() for token in desk.tokens()}
     newest = {channel: token.version for channel, token in frame.latest.items()}

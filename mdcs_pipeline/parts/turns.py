@@ -7,13 +7,13 @@ from dataclasses import replace
 from typing import Any
 
 from mdcs_pipeline.errors import MdcsError
-from mdcs_pipeline.frame import Frame, Token, leads_of
 from mdcs_pipeline.graph import Graph
 from mdcs_pipeline.hooks import Hook
 from mdcs_pipeline.parts.delivery import Delivery
 from mdcs_pipeline.parts.layout import check_host, layout_of
 from mdcs_pipeline.parts.letters import Key, Kind, Letter, error_body, write_ledger
 from mdcs_pipeline.parts.state import Result, State, Step, fill, prune
+from mdcs_pipeline.run_state import RunState, Token, leads_of
 from mdcs_pipeline.runner import Runner, record_of
 
 
@@ -72,7 +72,7 @@ class Turns:
         else:
             self._finish(number, state, frame, step)
 
-    def _finish(self, number: int, state: State, frame: Frame, step: Step) -> None:
+    def _finish(self, number: int, state: State, frame: RunState, step: Step) -> None:
         try:
             tokens = {key: frame.result(key) for key in self.layout.graph.spec.results}
         except MdcsError as error:

@@ -76,7 +76,7 @@ class Desk:
 
 
 @dataclass
-class Frame:
+class RunState:
     """All that one run changes.
 
     Parameters
