@@ -116,7 +116,7 @@ def _end(
     openness = 0.0 if rim is None else float(np.mean(rim[mine[outermost]]))
     rimward = np.zeros(3)
     if rim is not None:
-        rimward = _towards(offset[rim[mine] & (along > 0)], 0.25 * radius)
+        rimward = _towards(offset[rim[mine] & (along > 0.1 * radius)], 0.25 * radius)
     return End(node, place, outward, radius, openness, extent, rimward)
 
 
