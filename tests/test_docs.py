@@ -24,7 +24,7 @@ else:
 ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
 PAGES = sorted(str(path.relative_to(DOCS)) for path in DOCS.rglob("*.md"))
-# What needs ROS, dora or several machines is text here, and is run by tests/ros2 and tests/dataflow.
+# Text is not run: layouts, and commands that need ROS, dora or several machines.
 LANGUAGES = {"python", "sh", "yaml", "toml", "text"}
 BLOCK = re.compile(r'^```(\w*)(?: title="([\w.-]+)")?\n(.*?)^```$', re.DOTALL | re.MULTILINE)
 NEEDS = {
