@@ -199,7 +199,8 @@ def lone_segments(
         _, axes = np.linalg.eigh(offset.T @ offset)
         along = offset @ axes[:, 2]
         across = np.linalg.norm(offset - np.outer(along, axes[:, 2]), axis=1)
-        middle = np.abs(along - np.median(along)) < np.median(np.abs(along))
+        # Across the middle half: the tips are round.
+        middle = np.abs(along - np.median(along)) <= np.median(np.abs(along - np.median(along)))
         radius = float(np.median(across[middle]))
         low, high = np.quantile(along, [0.03, 0.97]) + np.array([radius, -radius])
         if high - low > least * radius:
