@@ -69,6 +69,7 @@ def optimise(
     accuracy: Accuracy,
     descent: Descent,
     edges: NDArray[np.int64] | None = None,
+    fixed: NDArray[np.bool_] | None = None,
 ) -> Optimised:
     """Minimise (1 − λ) W + λ R over nodes and plan by alternating minimisation (Algorithm 2).
 
@@ -82,6 +83,8 @@ def optimise(
     descent : Descent
     edges : (E, 2) int64, optional
         The graph that R smooths; needed where λ > 0.
+    fixed : (m,) bool, optional
+        Nodes that stay where they are; R is not asked to smooth them either.
 
     Returns
     -------
@@ -93,6 +96,8 @@ def optimise(
         # Costs are in local radii: so must bends be, or thick parts would hardly be smoothed.
         in_radii = sparse.diags_array(1.0 / problem.node_scale)
         smoothing = sparse.csr_array(in_radii @ bending(edges, len(problem.nodes)))
+        if fixed is not None and fixed.any():
+            smoothing = sparse.csr_array(sparse.diags_array((~fixed).astype(float)) @ smoothing)
     scales = problem.point_scale, problem.node_scale
     solution = transport(problem, potentials, accuracy)
     energy = [_objective(solution, problem, smoothing, descent.smoothing)]
@@ -100,6 +105,8 @@ def optimise(
     for _ in range(descent.max_steps):
         pulled = pull(solution.plan, problem.points, problem.nodes, descent.power, scales)
         moved = relaxed_step(problem.nodes, pulled, smoothing, descent.smoothing, descent.step)
+        if fixed is not None:
+            moved[fixed] = problem.nodes[fixed]
         problem = problem._replace(nodes=moved)
         solution = transport(problem, solution.node_potentials, accuracy)
         passes += solution.passes

@@ -120,6 +120,9 @@ class Check(Stage[CheckSettings]):
             return Checked(None, None, rough)
         false = np.zeros(len(nodes), dtype=bool)
         false[np.concatenate([np.array(loop) for loop in loops])] = True
+        false &= ~nodes.fixed
+        if not false.any():
+            return Checked(None, None, rough)
         growth = np.where(false, settings.widening, 1.0)
         wider = Thickness(thickness.radius * growth[owner], thickness.confidence)
         back = replace(_sent_back(nodes, false), scale=nodes.scale * growth)

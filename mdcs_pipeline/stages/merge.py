@@ -89,7 +89,7 @@ class Merge(Stage[MergeSettings]):
 
     def _by_spacing(self, plan: TransportPlan) -> Merging:
         nodes = plan.nodes
-        pairs = close_pairs(nodes.positions, nodes.scale, self.settings.spacing)
+        pairs = close_pairs(nodes.positions, nodes.scale, self.settings.spacing, nodes.fixed)
         settled = np.ones(len(nodes), dtype=bool)
         settled[pairs.ravel()] = False
         return _outcome(plan, replace(nodes, settled=settled), pairs)
@@ -112,14 +112,20 @@ def _outcome(plan: TransportPlan, labelled: Nodes, pairs: IntArray) -> Merging:
 
 
 def merged_nodes(nodes: Nodes, pairs: IntArray) -> Nodes:
-    """Return the nodes after merging disjoint pairs: mass and scale are carried over."""
+    """Return the nodes after merging disjoint pairs: mass and scale are carried over.
+
+    A fixed node, which is the first of its pair, stays what it is.
+    """
     merged = merge(nodes.positions, nodes.mass, pairs)
     settled: BoolArray = nodes.settled.copy()
     settled[pairs.ravel()] = False
     scale = nodes.scale.copy()
-    scale[pairs[:, 0]] = nodes.scale[pairs].mean(axis=1)
+    moving = pairs[~nodes.fixed[pairs[:, 0]]]
+    scale[moving[:, 0]] = nodes.scale[moving].mean(axis=1)
+    fixed = nodes.fixed[merged.kept]
+    positions = np.where(fixed[:, None], nodes.positions[merged.kept], merged.positions)
     return Nodes(
-        merged.positions,
+        positions,
         merged.mass / merged.mass.sum(),
         nodes.potentials[merged.kept],
         nodes.epsilon,
@@ -128,5 +134,7 @@ def merged_nodes(nodes: Nodes, pairs: IntArray) -> Nodes:
         settled[merged.kept],
         scale[merged.kept],
         nodes.rounds,
+        fixed,
+        nodes.beyond[merged.kept],
         nodes.header,
     )

@@ -124,7 +124,7 @@ class Smooth(Stage[SmoothSettings]):
         if self.settings.stretch:
             owner = plan_owners(rough.plan.plan)
             ends = open_ends(positions, nodes.scale, edges, cloud.positions, owner)
-            positions = stretched(positions, ends)
+            positions = stretched(positions, [end for end in ends if not nodes.fixed[end.node]])
         values = np.stack([nodes.mass, nodes.scale, nodes.potentials], axis=1)
         if not (self.settings.insert and len(edges)):
             return Refined(positions, values, edges)
@@ -166,7 +166,9 @@ class Smooth(Stage[SmoothSettings]):
             False,
             settings.smoothing,
         )
-        return optimise(problem, level.node_potentials, accuracy, descent, refined.edges)
+        fixed = np.zeros(count, dtype=bool)
+        fixed[: len(rough.nodes)] = rough.nodes.fixed
+        return optimise(problem, level.node_potentials, accuracy, descent, refined.edges, fixed)
 
     def _assignment(
         self, cloud: MassCloud, found: Optimised, points: PointCloud | None

@@ -108,6 +108,7 @@ class Transport(Stage[TransportSettings]):
                 settings.settle,
                 settings.marginals == "free",
             ),
+            fixed=nodes.fixed,
         )
         plan = as_plan(found, nodes, thickness, settings.marginals == "free")
         return TransportOutput(plan, thickness)
@@ -122,7 +123,8 @@ def as_plan(
     scale = nodes.scale
     if thickness is not None:
         carried = solution.plan.T @ thickness.radius
-        scale = np.where(received > 0, carried / np.where(received > 0, received, 1.0), scale)
+        served = (received > 0) & ~nodes.fixed
+        scale = np.where(served, carried / np.where(served, received, 1.0), scale)
     moved = replace(
         nodes,
         positions=problem.nodes,

@@ -1,0 +1,99 @@
+"""The state of a scene between frames."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mdcs_pipeline.arrays import IntArray
+from mdcs_pipeline.clouds import UnitFrame
+from mdcs_pipeline.scene.graph import SceneGraph
+from mdcs_pipeline.scene.voxels import VoxelMap
+from mdcs_pipeline.skeleton import Skeleton
+
+# Cells of the node grid, in voxels.
+_CELL = 64.0
+
+
+@dataclass
+class World:
+    """What exists once the first points have fixed the scale.
+
+    Parameters
+    ----------
+    unit : UnitFrame
+        Of the scene: absolute, and the same for all its frames.
+    voxels : VoxelMap
+    graph : SceneGraph
+    """
+
+    unit: UnitFrame
+    voxels: VoxelMap
+    graph: SceneGraph
+
+    @classmethod
+    def begin(cls, centre: NDArray[np.float64], length: float, size: float) -> World:
+        """Return an empty world.
+
+        Parameters
+        ----------
+        centre : (3,) float64
+            Origin, in input units.
+        length : float
+            Input units per unit length.
+        size : float
+            Edge of a voxel in unit lengths.
+        """
+        unit = UnitFrame(centre, np.eye(3), length)
+        return cls(unit, VoxelMap(size), SceneGraph(_CELL * size))
+
+
+@dataclass
+class Scene:
+    """All that a streaming pipeline remembers from frame to frame.
+
+    Parameters
+    ----------
+    world : World or None
+        None before the first points.
+    number : int
+        Scenes that came before this one.
+    frames : int
+        Frames that were added to it.
+    frame_id : str or None
+        Of its frames; None before the first.
+    stamp_ns : int
+        Of the latest frame.
+    changed : (k,) int64
+        Slots of voxels that await an update; some of them may have vanished since.
+    vacated : set of int
+        Nodes that have lost voxels since the last update.
+    hits : deque of (frame, stamp_ns, slots)
+        What each frame of a sliding window hit.
+    drain : bool
+        Whether the next update takes all that is pending, however little it is.
+    """
+
+    world: World | None = None
+    number: int = 0
+    frames: int = 0
+    frame_id: str | None = None
+    stamp_ns: int = -1
+    changed: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
+    vacated: set[int] = field(default_factory=set)
+    hits: deque[tuple[int, int, IntArray]] = field(default_factory=deque)
+    drain: bool = False
+
+    def skeleton(self) -> Skeleton:
+        """Return the whole skeleton as it stands, in input units; this reads all of the scene."""
+        from mdcs_pipeline.scene.assemble import assemble
+
+        return assemble(self)
+
+    def begin_anew(self) -> None:
+        """Forget all but the number of scenes."""
+        fresh = Scene(number=self.number + 1)
+        self.__dict__.update(fresh.__dict__)
