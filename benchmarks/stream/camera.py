@@ -55,8 +55,17 @@ class Camera:
             core.Tensor(vertices.astype(np.float32)), core.Tensor(faces.astype(np.uint32))
         )
 
-    def frame(self, eye: Floats, target: Floats, width: int, angle: float = 50.0) -> Floats:
-        """Return the points that one frame of `width`² rays hits, in the scene's frame."""
+    def frame(
+        self, eye: Floats, target: Floats, points: int, angle: float = 42.0, width: int = 120
+    ) -> Floats:
+        """Return about `points` points of one frame, in the scene's frame.
+
+        A coarse look tells how much of the image the shape fills.
+        """
+        seen = len(self._cast(eye, target, width, angle))
+        return self._cast(eye, target, round(width * np.sqrt(points / max(seen, 1))), angle)
+
+    def _cast(self, eye: Floats, target: Floats, width: int, angle: float) -> Floats:
         up = np.array([0.0, 0.0, 1.0])
         if abs(np.dot(target - eye, up)) > 0.99 * np.linalg.norm(target - eye):
             up = np.array([0.0, 1.0, 0.0])

@@ -42,8 +42,11 @@ def filled_triangles(top: IntArray, shares: FloatArray, floor: float, points: in
     found = np.sort(np.concatenate(triples), axis=1) if triples else np.empty((0, 3), np.int64)
     if not len(found):
         return np.empty((0, 3), np.int64)
-    unique, counts = np.unique(found, axis=0, return_counts=True)
-    return np.asarray(unique[counts >= points], dtype=np.int64)
+    # Sorting whole numbers is some twenty times faster than sorting rows.
+    base = int(found.max()) + 1
+    coded, counts = np.unique((found[:, 0] * base + found[:, 1]) * base + found[:, 2], return_counts=True)
+    kept = coded[counts >= points]
+    return np.stack([kept // base**2, kept // base % base, kept % base], axis=1)
 
 
 def open_triangles(nodes: FloatArray, pairs: IntArray, triangles: IntArray) -> IntArray:
@@ -62,19 +65,15 @@ def open_triangles(nodes: FloatArray, pairs: IntArray, triangles: IntArray) -> I
     -------
     (E', 2) int64
     """
-    alive = {(int(i), int(j)) for i, j in pairs}
-    corners = [(int(a), int(b), int(c)) for a, b, c in triangles]
-
-    def length(edge: tuple[int, int]) -> float:
-        return float(np.linalg.norm(nodes[edge[0]] - nodes[edge[1]]))
-
-    def longest(triangle: tuple[int, int, int]) -> tuple[float, tuple[int, int]]:
-        a, b, c = triangle
-        return max((length(edge), edge) for edge in ((a, b), (a, c), (b, c)))
-
-    for (_, edge), (a, b, c) in sorted(
-        ((longest(triangle), triangle) for triangle in corners), reverse=True
-    ):
+    alive = {(i, j) for i, j in pairs.tolist()}
+    sides = triangles[:, [[0, 1], [0, 2], [1, 2]]]
+    length = np.linalg.norm(nodes[sides[:, :, 0]] - nodes[sides[:, :, 1]], axis=2).tolist()
+    longest = [
+        max(zip(lengths, map(tuple, edges), strict=True))
+        for lengths, edges in zip(length, sides.tolist(), strict=True)
+    ]
+    order = sorted(zip(longest, map(tuple, triangles.tolist()), strict=True), reverse=True)
+    for (_, edge), (a, b, c) in order:
         if {(a, b), (a, c), (b, c)} <= alive:
             alive.discard(edge)
     return np.array(sorted(alive), dtype=np.int64).reshape(-1, 2)

@@ -32,6 +32,8 @@ class SceneNode:
         Mean distance of the mass that it receives.
     cells : (k,) int64
         Slots of the voxels that it owned when it was last active.
+    born : int
+        Voxels that it owned when its place was last sought from new seeds.
     near : tuple of int
         Nodes whose voxels touch its own, sorted.
     links : set of int
@@ -44,6 +46,7 @@ class SceneNode:
     scale: float
     radius: float
     cells: IntArray
+    born: int = 0
     near: tuple[int, ...] = ()
     links: set[int] = field(default_factory=set)
 

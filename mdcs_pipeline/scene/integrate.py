@@ -33,7 +33,7 @@ class FrameRule(NamedTuple):
         Distance, in voxels, from which a moved centroid is a change.
     """
 
-    voxel: float = 0.008
+    voxel: float = 0.016
     voxel_size: float | None = None
     mode: Literal["accumulate", "window", "replace"] = "accumulate"
     window_frames: int | None = None

@@ -37,12 +37,15 @@ class RegionRule(NamedTuple):
         New surface wakes the nodes within this many of their local radii.
     most : int
         Voxels that one update works on, about; the rest waits for the next frame.
+    renewal : float
+        A node is made afresh once it owns this many times the voxels that it began with.
     """
 
     share: float = 0.05
     speck: int = 20
     reach: float = 1.5
     most: int = 6000
+    renewal: float = 1.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +64,8 @@ class Region:
         Id of the node that each gave most of its mass to; −1 for new surface.
     radius : (n,) float64
         Thickness known so far, 0 where there is none.
+    grown : (g,) int64
+        Active nodes that stand for much more surface than when they were last made afresh.
     active : (a,) int64
         Ids of the nodes that may move, merge or go.
     ring : (r,) int64
@@ -76,6 +81,7 @@ class Region:
     taken: BoolArray
     owner: IntArray
     radius: NDArray[np.float64]
+    grown: IntArray
     active: IntArray
     ring: IntArray
     next_id: int
@@ -89,6 +95,7 @@ class Region:
             taken=finite_array(self.taken, (count,), "taken", np.bool_),
             owner=finite_array(self.owner, (count,), "owner", np.int64),
             radius=finite_array(self.radius, (count,), "radius"),
+            grown=finite_array(self.grown, (None,), "grown", np.int64),
             active=finite_array(self.active, (None,), "active", np.int64),
             ring=finite_array(self.ring, (None,), "ring", np.int64),
         )
@@ -125,7 +132,7 @@ def choose_region(scene: Scene, rule: RegionRule, header: Header) -> Region:
     """
     world = scene.world
     if world is None:
-        return _region(header, None, np.empty(0, np.int64), _Names([], [], []), 0)
+        return empty_region(header, {})
     voxels = world.voxels
     waiting = np.unique(scene.changed[voxels.pending[scene.changed]])
     scene.changed = waiting
@@ -141,7 +148,7 @@ def choose_region(scene: Scene, rule: RegionRule, header: Header) -> Region:
         awake = np.sort(awake[np.argsort(far, kind="stable")[: (len(awake) + 1) // 2]])
         owners = np.unique(voxels.nearest_owner(awake, _REACH))
         touched = {int(n) for n in owners if n in world.graph.nodes}
-    return _region(header, world, awake, names, len(waiting))
+    return _region(header, world, awake, names, len(waiting), rule.renewal)
 
 
 def _awake(
@@ -197,12 +204,28 @@ def _names(
     return _Names(sorted(active), sorted(ring), sorted(outer))
 
 
+def empty_region(header: Header, figures: dict[str, Any]) -> Region:
+    """Return the region of a frame that changes nothing."""
+    none = np.empty(0)
+    return Region(header, none, none, none, none, none, none, none, 0, figures)
+
+
+def _has_grown(world: World, name: int, renewal: float) -> bool:
+    node = world.graph.nodes[name]
+    return len(node.cells) > renewal * node.born
+
+
 def _region(
-    header: Header, world: World | None, awake: IntArray, names: _Names, waiting: int
+    header: Header,
+    world: World | None,
+    awake: IntArray,
+    names: _Names,
+    waiting: int,
+    renewal: float,
 ) -> Region:
     if world is None:
         none = np.empty(0)
-        return Region(header, none, none, none, none, none, none, 0, {"active": 0})
+        return empty_region(header, {"active": 0})
     voxels, graph = world.voxels, world.graph
     slots, taken = [awake], [np.ones(len(awake), dtype=bool)]
     for part, takes in ((names.active, True), (names.ring, False), (names.outer, False)):
@@ -226,6 +249,7 @@ def _region(
         taken=np.concatenate(taken)[first],
         owner=voxels.owner[every],
         radius=voxels.radius[every],
+        grown=np.array([n for n in names.active if _has_grown(world, n, renewal)], np.int64),
         active=np.array(names.active, dtype=np.int64),
         ring=np.array(names.ring, dtype=np.int64),
         next_id=graph.next_id,

@@ -31,6 +31,7 @@ class Update(NamedTuple):
         The same nodes first and in the same order, then those inserted into edges.
     surface : Surface
     thickness : Thickness
+        That the plan was made with.
     """
 
     rough: RoughSkeleton
@@ -138,7 +139,7 @@ def _write_nodes(world: World, region: Region, update: Update, free: set[int]) -
     received = np.bincount(
         update.rough.plan.plan.indices, update.rough.plan.plan.data, minlength=len(nodes)
     )
-    ring = set(region.ring.tolist())
+    ring, grown = set(region.ring.tolist()), set(region.grown.tolist())
     for k, name in enumerate(nodes.ids.tolist()):
         cells = region.slots[order[starts[k] : ends[k]]]
         if name in free:
@@ -152,6 +153,7 @@ def _write_nodes(world: World, region: Region, update: Update, free: set[int]) -
                     scale=float(nodes.scale[k]),
                     radius=float(skeleton.radius[k]) / world.unit.length,
                     cells=cells,
+                    born=len(cells) if old is None or name in grown else old.born,
                     near=() if old is None else old.near,
                     links=set() if old is None else old.links,
                 ),

@@ -63,7 +63,7 @@ class VoxelMap:
     owner : (capacity,) int64
         Id of the node that it gives most of its mass to, −1 for none yet.
     radius : (capacity,) float64
-        Local thickness, 0 where not measured yet.
+        Local thickness that it was last transported with, 0 where there is none yet.
     """
 
     key: IntArray

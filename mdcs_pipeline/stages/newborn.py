@@ -92,7 +92,8 @@ class Newborn(Stage[NewbornSettings]):
         _, cost = nearest_node(cloud.positions, thickness.radius, known.positions, known.scale)
         active = np.where(region.taken & (owner >= 0), owner, -1)
         apart = fallen_apart(surface.graph, active, self.settings.apart)
-        return np.asarray(region.taken & ((cost > self.settings.cover**2) | apart))
+        grown = np.isin(region.owner, region.grown)
+        return np.asarray(region.taken & ((cost > self.settings.cover**2) | apart | grown))
 
     def _chosen(
         self, cloud: MassCloud, thickness: Thickness, bare: BoolArray, at_least_one: bool

@@ -30,7 +30,8 @@ class Recall(Stage[RecallSettings]):
         """Return the thickness of the region's points.
 
         A patch that runs into the region's rim was cut off there: around what is updated the
-        value from when its surroundings were whole is the better one.
+        value from when its surroundings were whole is the better one. What a check widened is
+        measured again: a loop may be false only for as long as half of a shape is seen.
         """
         known = (region.radius > 0) & ~region.taken
         radius = np.where(known, region.radius, thickness.radius)

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from typing import Literal, NamedTuple, Self
 
-import numpy as np
 from pydantic import Field, model_validator
 
 from mdcs_pipeline.errors import InputError
-from mdcs_pipeline.messages import Header, MassCloud, Nodes, PointCloud
+from mdcs_pipeline.messages import MassCloud, Nodes, PointCloud
 from mdcs_pipeline.scene.integrate import FrameRule, add_frame, refusal
 from mdcs_pipeline.scene.region import (
     Region,
     RegionRule,
     choose_region,
+    empty_region,
     region_cloud,
     region_nodes,
 )
@@ -87,6 +87,12 @@ class SceneSettings(Settings):
         description="Voxels that one frame updates, about; the rest waits for the next. Bounds "
         "the time of a frame.",
     )
+    renewal: float = Field(
+        _REGION.renewal,
+        gt=1,
+        description="A node is sought afresh, from new seeds beside it, once it owns this many "
+        "times the voxels that it had then.",
+    )
 
     @model_validator(mode="after")
     def _window_has_length(self) -> Self:
@@ -128,7 +134,7 @@ class SceneMap(Stage[SceneSettings]):
                     received=f"{header.stamp_ns} ns after {state.stamp_ns} ns",
                     remedy="send frames in the order of their stamps, or set scene.older to drop",
                 )
-            return SceneOutput(_nothing(header, {"dropped": why}), None, None)
+            return SceneOutput(empty_region(header, {"dropped": why}), None, None)
         if len(cloud):
             values = settings.model_dump(include=set(FrameRule._fields))
             add_frame(state, cloud, FrameRule(**values))
@@ -139,8 +145,3 @@ class SceneMap(Stage[SceneSettings]):
         return SceneOutput(
             region, region_cloud(state.world, region), region_nodes(state.world, region)
         )
-
-
-def _nothing(header: Header, figures: dict[str, object]) -> Region:
-    none = np.empty(0)
-    return Region(header, none, none, none, none, none, none, 0, figures)

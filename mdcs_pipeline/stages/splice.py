@@ -40,4 +40,5 @@ class Splice(Stage[SpliceSettings]):
         """Return the change; without a skeleton there is none, and what waits goes on waiting."""
         if rough is None or skeleton is None or surface is None or thickness is None:
             return Spliced(splice_nothing(state, region))
-        return Spliced(splice_update(state, region, Update(rough, skeleton, surface, thickness)))
+        update = Update(rough, skeleton, surface, thickness)
+        return Spliced(splice_update(state, region, update))
