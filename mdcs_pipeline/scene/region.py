@@ -41,7 +41,7 @@ class RegionRule(NamedTuple):
         A node is made afresh once it owns this many times the voxels that it began with.
     """
 
-    share: float = 0.05
+    share: float = 0.1
     speck: int = 20
     reach: float = 1.5
     most: int = 6000
