@@ -51,7 +51,7 @@ def assemble(scene: Scene) -> Skeleton:
     return Skeleton(
         nodes=unit.from_unit(places[order]),
         edges=np.array(edges, dtype=np.int64).reshape(-1, 2),
-        mass=mass[order] / mass.sum(),
+        mass=mass[order] / mass[order].sum(),
         radius=radius[order] * unit.length,
         node_ids=ids[order],
         header=header,

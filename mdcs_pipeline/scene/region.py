@@ -134,8 +134,7 @@ def choose_region(scene: Scene, rule: RegionRule, header: Header) -> Region:
     if world is None:
         return empty_region(header, {})
     voxels = world.voxels
-    waiting = np.unique(scene.changed[voxels.pending[scene.changed]])
-    scene.changed = waiting
+    waiting = _waiting(scene, voxels, rule.most)
     awake, touched = _awake(world, waiting, scene.vacated, rule, scene.drain)
     while True:
         names = _names(world.graph, voxels.place[awake], touched, rule)
@@ -148,7 +147,16 @@ def choose_region(scene: Scene, rule: RegionRule, header: Header) -> Region:
         awake = np.sort(awake[np.argsort(far, kind="stable")[: (len(awake) + 1) // 2]])
         owners = np.unique(voxels.nearest_owner(awake, _REACH))
         touched = {int(n) for n in owners if n in world.graph.nodes}
-    return _region(header, world, awake, names, len(waiting), rule.renewal)
+    return _region(header, world, awake, names, len(scene.changed), rule.renewal)
+
+
+def _waiting(scene: Scene, voxels: VoxelMap, most: int) -> IntArray:
+    """Return pending voxels, those that were looked at longest ago first."""
+    held = scene.changed[voxels.pending[scene.changed]]
+    _, first = np.unique(held, return_index=True)
+    held = held[np.sort(first)]
+    scene.changed = np.concatenate([held[most:], held[:most]])
+    return held[:most]
 
 
 def _awake(
@@ -238,7 +246,7 @@ def _region(
     figures = {
         "voxels": len(voxels),
         "nodes": len(graph),
-        "waiting": waiting - len(awake),
+        "waiting": waiting,
         "active": len(names.active),
         "fixed": len(names.ring) + len(names.outer),
         "points": len(every),

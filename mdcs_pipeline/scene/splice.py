@@ -108,7 +108,6 @@ def splice_update(scene: Scene, region: Region, update: Update) -> SceneChange:
     _write_near(graph, update, free | set(region.ring.tolist()))
     _write_edges(world, region, update, free, before.chains)
     scene.vacated -= set(region.active.tolist())
-    scene.drain = scene.drain and bool(len(region))
     return _difference(scene, region, before, free)
 
 

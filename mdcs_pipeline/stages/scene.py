@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal, NamedTuple, Self
+from typing import Literal, NamedTuple
 
 from pydantic import Field, model_validator
 
@@ -95,7 +95,7 @@ class SceneSettings(Settings):
     )
 
     @model_validator(mode="after")
-    def _window_has_length(self) -> Self:
+    def _window_has_length(self) -> SceneSettings:
         if self.mode == "window" and self.window_frames is None and self.window_seconds is None:
             raise ValueError("a window needs window_frames or window_seconds")
         return self
