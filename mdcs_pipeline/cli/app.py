@@ -18,6 +18,7 @@ from mdcs_pipeline.cli.options import options
 from mdcs_pipeline.cli.run import run
 from mdcs_pipeline.cli.schema import schema
 from mdcs_pipeline.cli.stages import stages
+from mdcs_pipeline.cli.stream import stream
 from mdcs_pipeline.cli.validate import validate
 from mdcs_pipeline.cli.warmup import warmup
 
@@ -95,5 +96,5 @@ def root(
         raise typer.Exit(2)
 
 
-for command in (run, demo, stages, options, configs, validate, graph, schema, warmup):
+for command in (run, stream, demo, stages, options, configs, validate, graph, schema, warmup):
     app.command()(command)

@@ -269,7 +269,7 @@ def _difference(scene: Scene, region: Region, before: _Part, free: set[int]) -> 
         joined=_as_pairs(after.edges - before.edges),
         parted=_as_pairs(before.edges - after.edges),
         scene=scene.number,
-        figures=region.figures,
+        figures={**region.figures, "nodes": len(world.graph)},
     )
 
 

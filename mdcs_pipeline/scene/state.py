@@ -50,6 +50,11 @@ class World:
         unit = UnitFrame(centre, np.eye(3), length)
         return cls(unit, VoxelMap(size), SceneGraph(_CELL * size))
 
+    def surface(self) -> NDArray[np.float64]:
+        """Return the centroids of all voxels that are surface, (n, 3), in input units."""
+        held = self.voxels.live[: self.voxels.used]
+        return self.unit.from_unit(self.voxels.place[: self.voxels.used][held])
+
 
 @dataclass
 class Scene:
