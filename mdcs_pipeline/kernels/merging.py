@@ -105,7 +105,11 @@ def inherited(pairs: IntArray, into: IntArray) -> IntArray:
 
 
 def close_pairs(
-    nodes: FloatArray, scale: FloatArray, spacing: float, fixed: BoolArray | None = None
+    nodes: FloatArray,
+    scale: FloatArray,
+    spacing: float,
+    fixed: BoolArray | None = None,
+    widths: FloatArray | None = None,
 ) -> IntArray:
     """Return disjoint pairs nearer than `spacing` · min(r_i, r_k), closest in radii first.
 
@@ -118,6 +122,8 @@ def close_pairs(
     fixed : (m,) bool, optional
         Nodes that only take others in: of two fixed ones neither goes, and in a pair with
         another the fixed one comes first.
+    widths : (m,) float64, optional
+        Factor to `spacing` for each node; of a pair the larger counts. 1 when absent.
 
     Returns
     -------
@@ -129,6 +135,8 @@ def close_pairs(
         near = np.where(fixed[near[:, 1]][:, None], near[:, ::-1], near)
     length = np.linalg.norm(nodes[near[:, 0]] - nodes[near[:, 1]], axis=1)
     relative = length / scale[near].min(axis=1)
+    if widths is not None:
+        relative /= widths[near].max(axis=1)
     free = np.ones(len(nodes), dtype=bool)
     chosen = []
     for k in np.lexsort((near[:, 1], near[:, 0], relative)):

@@ -80,7 +80,7 @@ def _graph_arrays(graph: SceneGraph) -> Arrays:
     arrays: Arrays = {
         "node_ids": np.array(list(graph.nodes), dtype=np.int64),
         "node_position": np.array([node.position for node in nodes]).reshape(-1, 3),
-        "node_born": np.array([node.born for node in nodes], dtype=np.int64),
+        "node_gained": np.array([node.gained for node in nodes], dtype=np.int64),
         "chain_pairs": np.array(list(graph.chains), dtype=np.int64).reshape(-1, 2),
         "chain_positions": np.concatenate([np.empty((0, 3)), *(c.positions for c in chains)]),
         "chain_mass": np.concatenate([np.empty(0), *(c.mass for c in chains)]),
@@ -130,14 +130,14 @@ def _graph(held: dict[str, Any], arrays: Arrays) -> SceneGraph:
         arrays["node_ids"].tolist(),
         arrays["node_position"],
         *numbers,
-        arrays["node_born"].tolist(),
+        arrays["node_gained"].tolist(),
         _rows("node_cells", arrays),
         _rows("node_near", arrays),
         strict=True,
     )
-    for name, position, mass, potential, scale, radius, born, cells, near in rows:
+    for name, position, mass, potential, scale, radius, gained, cells, near in rows:
         node = SceneNode(
-            position.copy(), mass, potential, scale, radius, cells, born, tuple(near.tolist())
+            position.copy(), mass, potential, scale, radius, cells, gained, tuple(near.tolist())
         )
         graph.put(name, node)
     start = 0

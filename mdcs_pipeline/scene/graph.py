@@ -32,8 +32,8 @@ class SceneNode:
         Mean distance of the mass that it receives.
     cells : (k,) int64
         Slots of the voxels that it owned when it was last active.
-    born : int
-        Voxels that it owned when its place was last sought from new seeds.
+    gained : int
+        New surface that it took over, in voxels, since its place was last sought from seeds.
     near : tuple of int
         Nodes whose voxels touch its own, sorted.
     links : set of int
@@ -46,7 +46,7 @@ class SceneNode:
     scale: float
     radius: float
     cells: IntArray
-    born: int = 0
+    gained: int = 0
     near: tuple[int, ...] = ()
     links: set[int] = field(default_factory=set)
 

@@ -29,6 +29,8 @@ class FrameRule(NamedTuple):
     window_seconds : float or None
     least_hits : int
         Points from which a voxel is surface.
+    patience : int
+        Frames within which they must come.
     shift : float
         Distance, in voxels, from which a moved centroid is a change.
     """
@@ -38,7 +40,8 @@ class FrameRule(NamedTuple):
     mode: Literal["accumulate", "window", "replace"] = "accumulate"
     window_frames: int | None = None
     window_seconds: float | None = None
-    least_hits: int = 2
+    least_hits: int = 3
+    patience: int = 5
     shift: float = 0.35
 
 
@@ -75,7 +78,12 @@ def add_frame(scene: Scene, cloud: PointCloud, rule: FrameRule) -> None:
     world = scene.world or _begin(cloud, rule)
     points = world.unit.to_unit(cloud.positions)
     number = scene.frames
-    touched, fresh, moved = world.voxels.add(points, number, rule.least_hits, rule.shift)
+    if rule.mode == "replace":
+        world.voxels.check_reach(points)
+        world.voxels.empty()
+    touched, fresh, moved = world.voxels.add(
+        points, number, rule.least_hits, rule.patience, rule.shift
+    )
     scene.world = world
     scene.frames = number + 1
     scene.frame_id, scene.stamp_ns = header.frame_id, header.stamp_ns

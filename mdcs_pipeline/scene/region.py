@@ -38,7 +38,7 @@ class RegionRule(NamedTuple):
     most : int
         Voxels that one update works on, about; the rest waits for the next frame.
     renewal : float
-        A node is made afresh once it owns this many times the voxels that it began with.
+        A node is made afresh once new surface has made its voxels this many times as many.
     """
 
     share: float = 0.1
@@ -116,7 +116,7 @@ class _Names(NamedTuple):
     outer: list[int]
 
 
-def choose_region(scene: Scene, rule: RegionRule, header: Header) -> Region:
+def choose_region(scene: Scene, rule: RegionRule, header: Header, drain: bool) -> Region:
     """Return the region that the pending voxels make active; empty while there are too few.
 
     Parameters
@@ -125,6 +125,8 @@ def choose_region(scene: Scene, rule: RegionRule, header: Header) -> Region:
     rule : RegionRule
     header : Header
         Of the frame.
+    drain : bool
+        Whether all that is pending counts, however little it is.
 
     Returns
     -------
@@ -135,7 +137,7 @@ def choose_region(scene: Scene, rule: RegionRule, header: Header) -> Region:
         return empty_region(header, {})
     voxels = world.voxels
     waiting = _waiting(scene, voxels, rule.most)
-    awake, touched = _awake(world, waiting, scene.vacated, rule, scene.drain)
+    awake, touched = _awake(world, waiting, scene.vacated, rule, drain)
     while True:
         names = _names(world.graph, voxels.place[awake], touched, rule)
         held = sum(len(world.graph.nodes[n].cells) for part in names for n in part)
@@ -220,7 +222,7 @@ def empty_region(header: Header, figures: dict[str, Any]) -> Region:
 
 def _has_grown(world: World, name: int, renewal: float) -> bool:
     node = world.graph.nodes[name]
-    return len(node.cells) > renewal * node.born
+    return node.gained > (renewal - 1.0) * (len(node.cells) - node.gained)
 
 
 def _region(

@@ -139,6 +139,8 @@ def _write_nodes(world: World, region: Region, update: Update, free: set[int]) -
         update.rough.plan.plan.indices, update.rough.plan.plan.data, minlength=len(nodes)
     )
     ring, grown = set(region.ring.tolist()), set(region.grown.tolist())
+    fresh = np.concatenate([[0], np.cumsum(region.owner[order] < 0)])
+    new = (fresh[ends] - fresh[starts]).tolist()
     for k, name in enumerate(nodes.ids.tolist()):
         cells = region.slots[order[starts[k] : ends[k]]]
         if name in free:
@@ -152,7 +154,7 @@ def _write_nodes(world: World, region: Region, update: Update, free: set[int]) -
                     scale=float(nodes.scale[k]),
                     radius=float(skeleton.radius[k]) / world.unit.length,
                     cells=cells,
-                    born=len(cells) if old is None or name in grown else old.born,
+                    gained=0 if old is None or name in grown else old.gained + new[k],
                     near=() if old is None else old.near,
                     links=set() if old is None else old.links,
                 ),
@@ -199,12 +201,8 @@ def _write_edges(
         if not (pair[0] in free or pair[1] in free):
             continue
         rows = np.array(chain if ids[i] < ids[j] else chain[::-1], dtype=np.int64)
-        known = old.get(pair)
-        if known is not None and len(known.ids) == len(rows):
-            names = known.ids
-        else:
-            names = next_id + np.arange(len(rows))
-            next_id += len(rows)
+        names = _names(old.get(pair), len(rows), next_id)
+        next_id = max(next_id, int(names.max(initial=-1)) + 1)
         graph.join(
             pair,
             Chain(
@@ -214,6 +212,17 @@ def _write_edges(
                 skeleton.radius[rows] / world.unit.length,
             ),
         )
+
+
+def _names(known: Chain | None, count: int, next_id: int) -> IntArray:
+    """Return ids for the points of an edge: as many old ones as can be, in their order."""
+    had = np.empty(0, np.int64) if known is None else known.ids
+    if len(had) >= count:
+        spread = np.round(np.linspace(0, len(had) - 1, count)).astype(np.int64)
+        return had[spread]
+    names = next_id + np.arange(count)
+    names[np.round(np.linspace(0, count - 1, len(had))).astype(np.int64)] = had
+    return names
 
 
 def _chains(update: Update) -> list[tuple[int, int, list[int]]]:

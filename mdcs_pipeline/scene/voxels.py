@@ -29,6 +29,7 @@ _COLUMNS: dict[str, tuple[type, tuple[int, ...], Any]] = {
     "total": (np.float64, (3,), 0.0),
     "place": (np.float64, (3,), 0.0),
     "seen": (np.int64, (), -1),
+    "since": (np.int64, (), -1),
     "live": (np.bool_, (), False),
     "pending": (np.bool_, (), False),
     "owner": (np.int64, (), NOBODY),
@@ -56,6 +57,8 @@ class VoxelMap:
         Their centroid, as last told.
     seen : (capacity,) int64
         Number of the frame that last hit the voxel.
+    since : (capacity,) int64
+        Number of the frame from which on its points are counted.
     live : (capacity,) bool
         Hit often enough to be surface.
     pending : (capacity,) bool
@@ -71,6 +74,7 @@ class VoxelMap:
     total: NDArray[np.float64]
     place: NDArray[np.float64]
     seen: IntArray
+    since: IntArray
     live: NDArray[np.bool_]
     pending: NDArray[np.bool_]
     owner: IntArray
@@ -91,7 +95,7 @@ class VoxelMap:
         return self.held
 
     def add(
-        self, points: FloatArray, frame: int, least: int, shift: float
+        self, points: FloatArray, frame: int, least: int, patience: int, shift: float
     ) -> tuple[IntArray, IntArray, IntArray]:
         """Add the points of a frame.
 
@@ -103,6 +107,8 @@ class VoxelMap:
             Number of the frame.
         least : int
             Points from which a voxel counts as surface.
+        patience : int
+            Frames within which they must come.
         shift : float
             Distance, in voxels, from which a moved centroid counts as a change.
 
@@ -116,18 +122,13 @@ class VoxelMap:
         InputError
             If a point lies farther from the scene's origin than the map reaches.
         """
-        far = float(np.abs(points).max(initial=0.0))
-        if far >= FARTHEST * self.size:
-            raise InputError(
-                "points lie beyond the reach of the scene's map",
-                received=f"{far / self.size:.3g} voxels from its origin",
-                remedy=f"at most {FARTHEST}: begin a new scene there, or take larger voxels",
-            )
+        self.check_reach(points)
         self._reserve(len(points))
         rows = np.ascontiguousarray(points, dtype=np.float64)
         touched, new, self._free_count, self.used = add_points(
-            rows, self.size, frame, self._keys, self._slots, self._free, self._free_count,
+            rows, self.size, frame, patience, self._keys, self._slots, self._free, self._free_count,
             self.used, self.key, self.count, self.total, self.seen,
+            self.since, self.live,
         )  # fmt: skip
         self.held += new
         fresh, moved = settle_places(
@@ -136,6 +137,21 @@ class VoxelMap:
         self.pending[fresh] = True
         self.pending[moved] = True
         return touched, fresh, moved
+
+    def check_reach(self, points: FloatArray) -> None:
+        """Raise an `InputError` if a point lies farther away than the map reaches."""
+        far = float(np.abs(points).max(initial=0.0))
+        if far >= FARTHEST * self.size:
+            raise InputError(
+                "points lie beyond the reach of the scene's map",
+                received=f"{far / self.size:.3g} voxels from its origin",
+                remedy=f"at most {FARTHEST}: begin a new scene there, or take larger voxels",
+            )
+
+    def empty(self) -> None:
+        """Take all points out, but keep the voxels and what is known of them."""
+        self.count[: self.used] = 0
+        self.total[: self.used] = 0.0
 
     def drop(self, slots: IntArray) -> None:
         """Forget voxels; their slots are used again."""

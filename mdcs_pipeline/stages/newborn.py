@@ -68,15 +68,26 @@ class Newborn(Stage[NewbornSettings]):
 
         Known nodes take the scale of the points that they own; fixed ones keep theirs.
         """
-        owner = _rows_of(region.owner, nodes.ids)
-        own = np.bincount(owner[owner >= 0], minlength=len(nodes))
-        kept = np.flatnonzero(nodes.fixed | (own > 0))
-        known = _picked(nodes, kept)
+        known = _picked(nodes, np.flatnonzero(self._served(cloud, nodes, region, thickness)))
         owner = _rows_of(region.owner, known.ids)
         known = _rescaled(known, owner, thickness.radius)
         bare = self._bare(cloud, known, region, surface, thickness, owner)
         chosen = self._chosen(cloud, thickness, bare, at_least_one=not len(known))
         return NewbornOutput(self._with_new(cloud, known, region, thickness, owner, chosen))
+
+    def _served(
+        self, cloud: MassCloud, nodes: Nodes, region: Region, thickness: Thickness
+    ) -> BoolArray:
+        """Return the nodes that stay: the fixed, and those that own points or lie at new ones."""
+        owner = _rows_of(region.owner, nodes.ids)
+        own = np.bincount(owner[owner >= 0], minlength=len(nodes))
+        fresh = np.flatnonzero(owner < 0)
+        if len(nodes) and len(fresh):
+            places, scale = cloud.positions[fresh], thickness.radius[fresh]
+            nearest, cost = nearest_node(places, scale, nodes.positions, nodes.scale)
+            close = nearest[cost <= self.settings.cover**2]
+            own += np.bincount(close, minlength=len(nodes))
+        return np.asarray(nodes.fixed | (own > 0))
 
     def _bare(
         self,
@@ -93,7 +104,9 @@ class Newborn(Stage[NewbornSettings]):
         active = np.where(region.taken & (owner >= 0), owner, -1)
         apart = fallen_apart(surface.graph, active, self.settings.apart)
         grown = np.isin(region.owner, region.grown)
-        return np.asarray(region.taken & ((cost > self.settings.cover**2) | apart | grown))
+        # What a node owns it has come to stand for: seeded again, it would only be merged again.
+        new = (region.owner < 0) & (cost > self.settings.cover**2)
+        return np.asarray(region.taken & (new | apart | grown))
 
     def _chosen(
         self, cloud: MassCloud, thickness: Thickness, bare: BoolArray, at_least_one: bool

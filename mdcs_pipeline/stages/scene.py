@@ -55,6 +55,12 @@ class SceneSettings(Settings):
     least_hits: int = Field(
         _FRAME.least_hits, ge=1, description="Points from which a voxel counts as surface."
     )
+    patience: int = Field(
+        _FRAME.patience,
+        ge=1,
+        description="Frames within which they must come: what noise hits now and then over a "
+        "long time is no surface.",
+    )
     shift: float = Field(
         _FRAME.shift,
         gt=0,
@@ -90,8 +96,8 @@ class SceneSettings(Settings):
     renewal: float = Field(
         _REGION.renewal,
         gt=1,
-        description="A node is sought afresh, from new seeds beside it, once it owns this many "
-        "times the voxels that it had then.",
+        description="A node is sought afresh, from new seeds beside it, once new surface has "
+        "made its voxels this many times as many as they were then.",
     )
 
     @model_validator(mode="after")
@@ -139,7 +145,9 @@ class SceneMap(Stage[SceneSettings]):
             values = settings.model_dump(include=set(FrameRule._fields))
             add_frame(state, cloud, FrameRule(**values))
         rule = RegionRule(**settings.model_dump(include=set(RegionRule._fields)))
-        region = choose_region(state, rule, header)
+        # What replaces a scene replaces all of it at once.
+        drain = state.drain or settings.mode == "replace"
+        region = choose_region(state, rule, header, drain)
         if state.world is None or len(region) < _LEAST_POINTS:
             return SceneOutput(region, None, None)
         return SceneOutput(

@@ -85,6 +85,7 @@ def add_points(
     points: FloatArray,
     size: float,
     stamp: int,
+    patience: int,
     keys: IntArray,
     slots: IntArray,
     free: IntArray,
@@ -94,10 +95,14 @@ def add_points(
     count: IntArray,
     total: FloatArray,
     seen: IntArray,
+    since: IntArray,
+    live: BoolArray,
 ) -> tuple[IntArray, int, int, int]:
     """Add points to the voxels that they lie in.
 
-    `key`, `count`, `total` and `seen` are by slot. New voxels take slots from the stack `free`
+    `key`, `count`, `total`, `seen`, `since` and `live` are by slot. A voxel that is not live
+    `patience` frames after its first point begins anew: what noise hits now and then over a
+    long time is no surface. New voxels take slots from the stack `free`
     and then from `used` on; there must be room for as many as there are points.
 
     Returns
@@ -129,7 +134,12 @@ def add_points(
             count[slot] = 0
             total[slot, :] = 0.0
             seen[slot] = -1
+            since[slot] = stamp
             new += 1
+        elif not live[slot] and stamp - since[slot] >= patience:
+            count[slot] = 0
+            total[slot, :] = 0.0
+            since[slot] = stamp
         if seen[slot] != stamp:
             seen[slot] = stamp
             touched[t] = slot
