@@ -138,6 +138,8 @@ class TransportPlan:
         Whether the solve started from given potentials.
     energy : tuple of float
         Objective of Algorithm 2 after each of its steps.
+    entries : int
+        Kernel entries read, over all passes.
     """
 
     nodes: Nodes
@@ -149,6 +151,7 @@ class TransportPlan:
     converged: bool
     warm: bool
     energy: tuple[float, ...] = ()
+    entries: int = 0
 
     def __post_init__(self) -> None:
         count = self.plan.shape[0]
@@ -167,7 +170,12 @@ class TransportPlan:
 
     def summary(self) -> dict[str, Any]:
         """Return the figures that a progress line shows."""
-        return {"nodes": len(self.nodes), "epsilon": self.epsilon, "passes": self.iterations}
+        return {
+            "nodes": len(self.nodes),
+            "epsilon": self.epsilon,
+            "passes": self.iterations,
+            "entries": self.entries,
+        }
 
 
 @dataclass(frozen=True, eq=False)

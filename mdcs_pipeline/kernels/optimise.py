@@ -50,7 +50,7 @@ class Optimised(NamedTuple):
     problem : Problem
         With the final nodes.
     solution : Solution
-        The plan for them; its passes are those of all steps.
+        The plan for them; its passes and entries are those of all steps.
     energy : tuple of float
         The objective after each step, the first before any.
     settled : bool
@@ -101,7 +101,7 @@ def optimise(
     scales = problem.point_scale, problem.node_scale
     solution = transport(problem, potentials, accuracy)
     energy = [_objective(solution, problem, smoothing, descent.smoothing)]
-    passes, settled = solution.passes, False
+    passes, entries, settled = solution.passes, solution.entries, False
     for _ in range(descent.max_steps):
         pulled = pull(solution.plan, problem.points, problem.nodes, descent.power, scales)
         moved = relaxed_step(problem.nodes, pulled, smoothing, descent.smoothing, descent.step)
@@ -110,11 +110,13 @@ def optimise(
         problem = problem._replace(nodes=moved)
         solution = transport(problem, solution.node_potentials, accuracy)
         passes += solution.passes
+        entries += solution.entries
         energy.append(_objective(solution, problem, smoothing, descent.smoothing))
         if energy[-2] - energy[-1] < descent.settle * problem.epsilon:
             settled = True
             break
-    return Optimised(problem, solution._replace(passes=passes), tuple(energy), settled)
+    solution = solution._replace(passes=passes, entries=entries)
+    return Optimised(problem, solution, tuple(energy), settled)
 
 
 def _objective(

@@ -143,4 +143,5 @@ def as_plan(
         converged=solution.converged,
         warm=bool(np.any(nodes.potentials)),
         energy=found.energy,
+        entries=solution.entries,
     )
