@@ -185,8 +185,10 @@ class Runner:
         return dict(_checked(returned, self.graph.ports[name].outputs, where))
 
     def _invoke(self, stage: Stage[Any], inputs: dict[str, Any]) -> Any:
-        return stage(**inputs) if stage.State is None else stage(
-            **inputs, state=self.states[stage.State]
+        return (
+            stage(**inputs)
+            if stage.State is None
+            else stage(**inputs, state=self.states[stage.State])
         )
 
     def _put(self, origin: str, port: str, value: Any, frame: _Frame) -> None:

@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial import cKDTree
+
 from benchmarks.stream.scenes import Views
 from benchmarks.topology.score import densify
 from benchmarks.topology.solid import Floats, Truth
-from scipy.spatial import cKDTree
-
 from mdcs_pipeline.hooks import Hook, StageEvent
 from mdcs_pipeline.pipeline import Pipeline
 from mdcs_pipeline.skeleton import Skeleton
@@ -76,9 +76,7 @@ def cold(points: Floats) -> Cold:
     with Pipeline.from_config("default", hooks=[counter]) as pipe:
         began, cpu = time.perf_counter(), time.thread_time()
         skeleton = pipe.push(points)
-        return Cold(
-            skeleton, time.perf_counter() - began, time.thread_time() - cpu, counter.count
-        )
+        return Cold(skeleton, time.perf_counter() - began, time.thread_time() - cpu, counter.count)
 
 
 def surface(stream: Stream) -> Floats:

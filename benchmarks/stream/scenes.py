@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
+
 from benchmarks.stream.camera import Camera, orbit
 from benchmarks.topology.builder import Builder
 from benchmarks.topology.solid import Floats, Shape

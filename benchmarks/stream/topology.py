@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
+
 from benchmarks.stream.run import distance, errors, run_orbit
 from benchmarks.stream.scenes import orbit_views
 from benchmarks.topology.shapes import make

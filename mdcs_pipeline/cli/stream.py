@@ -81,7 +81,8 @@ def stream(
     ] = False,
 ) -> None:
     """Keep the skeleton of a scene up with its frames."""
-    from mdcs_pipeline.cli.streaming import Job, Saving, open_source, plan_streamed
+    from mdcs_pipeline.cli.stream_plan import Saving, open_source, plan_streamed
+    from mdcs_pipeline.cli.streaming import Job
     from mdcs_pipeline.overload import parse_policy
     from mdcs_pipeline.stream import Stream
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 from mdcs_pipeline.errors import OutputError
 from mdcs_pipeline.io.plain import json_text
@@ -55,10 +55,9 @@ class ChangeLines:
     def __init__(self, path: Path, length: int | None = None) -> None:
         self.path = path
         try:
+            self._stream: BinaryIO = path.open("wb" if length is None else "r+b")
             if length is None:
-                self._stream = path.open("wb")
                 return
-            self._stream = path.open("r+b")
             held = self._stream.seek(0, os.SEEK_END)
             if held < length:
                 self._stream.close()
@@ -97,6 +96,4 @@ class ChangeLines:
         self._stream.close()
 
     def _refused(self, error: OSError) -> OutputError:
-        return OutputError(
-            "the lines cannot be written", where=str(self.path), received=str(error)
-        )
+        return OutputError("the lines cannot be written", where=str(self.path), received=str(error))

@@ -38,7 +38,8 @@ def write_checkpoint(path: Path, values: dict[str, Any], arrays: dict[str, NDArr
     """
     head = {"format": FORMAT, "format_version": FORMAT_VERSION, "values": values}
     stream = io.BytesIO()
-    np.savez(stream, head=np.array(json.dumps(head)), **arrays)
+    held: dict[str, Any] = {"head": np.array(json.dumps(head)), **arrays}
+    np.savez(stream, **held)
     body = stream.getvalue()
     # An archive's own sums leave its headers out.
     write_or_refuse(path, _MAGIC + zlib.crc32(body).to_bytes(4, "big") + body)

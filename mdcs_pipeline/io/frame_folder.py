@@ -46,7 +46,10 @@ class FolderFrames:
         given = poses or next((p for n in POSE_FILES if (p := folder / n).is_file()), None)
         if poses is None and given is not None:
             self.files = [path for path in self.files if path.name not in POSE_FILES]
-        self._stamps, self._poses = (None, None) if given is None else read_poses(given)
+        self._stamps: list[int] | None = None
+        self._poses: NDArray[np.float64] | None = None
+        if given is not None:
+            self._stamps, self._poses = read_poses(given)
         if self._poses is not None and len(self._poses) < len(self.files):
             raise InputError(
                 f"there are {len(self.files)} clouds and {len(self._poses)} poses",

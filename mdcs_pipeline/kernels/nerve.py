@@ -44,8 +44,9 @@ def filled_triangles(top: IntArray, shares: FloatArray, floor: float, points: in
         return np.empty((0, 3), np.int64)
     # Sorting whole numbers is some twenty times faster than sorting rows.
     base = int(found.max()) + 1
-    coded, counts = np.unique((found[:, 0] * base + found[:, 1]) * base + found[:, 2], return_counts=True)
-    kept = coded[counts >= points]
+    codes = (found[:, 0] * base + found[:, 1]) * base + found[:, 2]
+    unique, counts = np.unique(codes, return_counts=True)
+    kept = unique[counts >= points]
     return np.stack([kept // base**2, kept // base % base, kept % base], axis=1)
 
 

@@ -141,9 +141,7 @@ def _graph(held: dict[str, Any], arrays: Arrays) -> SceneGraph:
         )
         graph.put(name, node)
     start = 0
-    for (a, b), ids in zip(
-        arrays["chain_pairs"].tolist(), _rows("chain_ids", arrays), strict=True
-    ):
+    for (a, b), ids in zip(arrays["chain_pairs"].tolist(), _rows("chain_ids", arrays), strict=True):
         part = slice(start, start + len(ids))
         start += len(ids)
         columns = (arrays[f"chain_{name}"][part].copy() for name in ("positions", "mass", "radius"))

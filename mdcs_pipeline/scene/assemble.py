@@ -29,8 +29,10 @@ def assemble(scene: Scene) -> Skeleton:
     """
     header = Header(scene.frame_id or "", max(scene.stamp_ns, 0), max(scene.frames - 1, 0))
     if scene.world is None or not scene.world.graph.nodes:
-        none = np.empty(0)
-        return Skeleton(np.empty((0, 3)), np.empty((0, 2)), none, none, none, header=header)
+        none, nobody = np.empty(0), np.empty(0, np.int64)
+        return Skeleton(
+            np.empty((0, 3)), np.empty((0, 2), np.int64), none, none, nobody, header=header
+        )
     graph, unit = scene.world.graph, scene.world.unit
     nodes = list(graph.nodes.items())
     chains = list(graph.chains.items())

@@ -251,7 +251,7 @@ def _snapshot(world: World, names: set[int]) -> _Part:
     pairs = {pair_of(name, other) for name in held for other in graph.nodes[name].links}
     chains = {pair: graph.chains[pair] for pair in sorted(pairs)}
     places = {name: tuple(graph.nodes[name].position.tolist()) for name in sorted(held)}
-    edges = set()
+    edges: set[Pair] = set()
     for (i, j), chain in chains.items():
         ids = chain.ids.tolist()
         places.update(zip(ids, map(tuple, chain.positions.tolist()), strict=True))

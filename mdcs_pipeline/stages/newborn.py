@@ -26,9 +26,7 @@ class NewbornSettings(Settings):
         description="A point is new surface without a node when its cost to all of them exceeds "
         "the square of this: its distance in local radii.",
     )
-    spacing: float = Field(
-        0.4, ge=0, le=2, description="Spacing of new nodes in local radii."
-    )
+    spacing: float = Field(0.4, ge=0, le=2, description="Spacing of new nodes in local radii.")
     ratio: float = Field(0.1, gt=0, le=1, description="Most new nodes per point without one.")
     apart: float = Field(
         0.25,

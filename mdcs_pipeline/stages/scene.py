@@ -8,15 +8,9 @@ from pydantic import Field, model_validator
 
 from mdcs_pipeline.errors import InputError
 from mdcs_pipeline.messages import MassCloud, Nodes, PointCloud
+from mdcs_pipeline.scene.choose import RegionRule, choose_region
 from mdcs_pipeline.scene.integrate import FrameRule, add_frame, refusal
-from mdcs_pipeline.scene.region import (
-    Region,
-    RegionRule,
-    choose_region,
-    empty_region,
-    region_cloud,
-    region_nodes,
-)
+from mdcs_pipeline.scene.region import Region, empty_region, region_cloud, region_nodes
 from mdcs_pipeline.scene.state import Scene
 from mdcs_pipeline.stage import Settings, Stage
 

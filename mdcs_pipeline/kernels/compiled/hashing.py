@@ -22,10 +22,11 @@ def pack(x: int, y: int, z: int) -> int:
 
 
 @njit(cache=True, nogil=True, inline="always")
-def place_of(key: int, mask: int) -> int:
+def place_of(key: int, mask: int) -> np.int64:
     """Return where the search for a key begins (Fibonacci hashing, folded)."""
     mixed = key * np.int64(-7046029254386353131)
-    return (mixed ^ (mixed >> 29)) & mask
+    place: np.int64 = (mixed ^ (mixed >> 29)) & mask
+    return place
 
 
 @njit(cache=True, nogil=True)
@@ -35,7 +36,8 @@ def find_key(keys: IntArray, slots: IntArray, key: int) -> int:
     at = place_of(key, mask)
     while keys[at] != EMPTY:
         if keys[at] == key:
-            return int(slots[at])
+            found: int = slots[at]
+            return found
         at = (at + 1) & mask
     return EMPTY
 
@@ -166,25 +168,25 @@ def nearest_owned(
     smallest owner counts.
     """
     found = np.full(len(asked), -1, np.int64)
-    for k in range(len(asked)):
-        slot = asked[k]
+    for at in range(len(asked)):
+        slot = asked[at]
         x = int(np.floor(place[slot, 0] / size))
         y = int(np.floor(place[slot, 1] / size))
         z = int(np.floor(place[slot, 2] / size))
         best = np.inf
         for i in range(x - reach, x + reach + 1):
             for j in range(y - reach, y + reach + 1):
-                for l in range(z - reach, z + reach + 1):
-                    other = find_key(keys, slots, pack(i, j, l))
+                for k in range(z - reach, z + reach + 1):
+                    other = find_key(keys, slots, pack(i, j, k))
                     if other == EMPTY or owner[other] < 0:
                         continue
                     square = 0.0
                     for a in range(3):
                         step = place[slot, a] - place[other, a]
                         square += step * step
-                    if square < best or (square == best and owner[other] < found[k]):
+                    if square < best or (square == best and owner[other] < found[at]):
                         best = square
-                        found[k] = owner[other]
+                        found[at] = owner[other]
     return found
 
 

@@ -1,0 +1,197 @@
+"""Which part of a scene an update works on."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from mdcs_pipeline.arrays import BoolArray, IntArray
+from mdcs_pipeline.header import Header
+from mdcs_pipeline.scene.graph import SceneGraph
+from mdcs_pipeline.scene.region import Region, empty_region
+from mdcs_pipeline.scene.state import Scene, World
+from mdcs_pipeline.scene.voxels import VoxelMap
+
+# Cells around a changed voxel among which its node is looked for.
+_REACH = 2
+
+
+class RegionRule(NamedTuple):
+    """What makes a region active.
+
+    Parameters
+    ----------
+    share : float
+        Changed share of a node's voxels from which it becomes active.
+    speck : int
+        Fewer new voxels than this that hang together and touch nothing known wait for more.
+    reach : float
+        New surface wakes the nodes within this many of their local radii.
+    most : int
+        Voxels that one update works on, about; the rest waits for the next frame.
+    renewal : float
+        A node is made afresh once new surface has made its voxels this many times as many.
+    """
+
+    share: float = 0.1
+    speck: int = 20
+    reach: float = 1.5
+    most: int = 6000
+    renewal: float = 1.5
+
+
+class _Names(NamedTuple):
+    """Nodes of a region by what may happen to them."""
+
+    active: list[int]
+    ring: list[int]
+    outer: list[int]
+
+
+def choose_region(scene: Scene, rule: RegionRule, header: Header, drain: bool) -> Region:
+    """Return the region that the pending voxels make active; empty while there are too few.
+
+    Parameters
+    ----------
+    scene : Scene
+    rule : RegionRule
+    header : Header
+        Of the frame.
+    drain : bool
+        Whether all that is pending counts, however little it is.
+
+    Returns
+    -------
+    Region
+    """
+    world = scene.world
+    if world is None:
+        return empty_region(header, {})
+    voxels = world.voxels
+    waiting = _waiting(scene, voxels, rule.most)
+    awake, touched = _awake(world, waiting, scene.vacated, rule, drain)
+    while True:
+        names = _names(world.graph, voxels.place[awake], touched, rule)
+        held = sum(len(world.graph.nodes[n].cells) for part in names for n in part)
+        if len(awake) + held <= rule.most or len(awake) < 2:
+            break
+        # Too much at once: the half that lies together goes first.
+        centre = voxels.place[awake[0]]
+        far = np.linalg.norm(voxels.place[awake] - centre, axis=1)
+        awake = np.sort(awake[np.argsort(far, kind="stable")[: (len(awake) + 1) // 2]])
+        owners = np.unique(voxels.nearest_owner(awake, _REACH))
+        touched = {int(n) for n in owners if n in world.graph.nodes}
+    return _region(header, world, awake, names, len(scene.changed), rule.renewal)
+
+
+def _waiting(scene: Scene, voxels: VoxelMap, most: int) -> IntArray:
+    """Return pending voxels, those that were looked at longest ago first."""
+    held = scene.changed[voxels.pending[scene.changed]]
+    _, first = np.unique(held, return_index=True)
+    held = held[np.sort(first)]
+    scene.changed = np.concatenate([held[most:], held[:most]])
+    return held[:most]
+
+
+def _awake(
+    world: World, waiting: IntArray, vacated: set[int], rule: RegionRule, drain: bool
+) -> tuple[IntArray, set[int]]:
+    """Return the voxels whose time has come, and the nodes that they lie at."""
+    nodes = world.graph.nodes
+    lost = {n for n in vacated if n in nodes and (drain or _loss(world, n) >= rule.share)}
+    if not len(waiting):
+        return waiting, lost
+    nearest = world.voxels.nearest_owner(waiting, _REACH)
+    names, where, counts = np.unique(nearest, return_inverse=True, return_counts=True)
+    needed = np.array(
+        [rule.share * len(nodes[n].cells) if n in nodes else 0.0 for n in names.tolist()]
+    )
+    due = (counts >= needed) | drain
+    known = names >= 0
+    awake = (due & known)[where]
+    alone = np.flatnonzero(nearest < 0)
+    awake[alone[_patches(world.voxels, waiting[alone], rule.speck)]] = True
+    return waiting[awake], lost | set(names[due & known].tolist())
+
+
+def _loss(world: World, name: int) -> float:
+    cells = world.graph.nodes[name].cells
+    return 1.0 - float(np.mean(world.voxels.owner[cells] == name)) if len(cells) else 1.0
+
+
+def _patches(voxels: VoxelMap, slots: IntArray, least: int) -> BoolArray:
+    """Return which voxels hang together with at least `least` others of the given ones."""
+    if len(slots) < least:
+        return np.zeros(len(slots), dtype=bool)
+    near = cKDTree(voxels.place[slots]).query_pairs(3.0 * voxels.size, output_type="ndarray")
+    ones = np.ones(len(near))
+    graph = sparse.coo_array((ones, (near[:, 0], near[:, 1])), shape=(len(slots),) * 2)
+    _, label = connected_components(graph, directed=False)
+    return np.asarray(np.bincount(label)[label] >= least, dtype=np.bool_)
+
+
+def _names(
+    graph: SceneGraph, places: NDArray[np.float64], touched: set[int], rule: RegionRule
+) -> _Names:
+    """Return the nodes that new surface at `places` reaches, and two rings around them."""
+    active = set(touched)
+    near = graph.around(places, rule.reach * graph.largest_scale)
+    if near:
+        found = [graph.nodes[name] for name in near]
+        distance, _ = cKDTree(places).query(np.array([node.position for node in found]))
+        scale = np.array([node.scale for node in found])
+        active.update(np.array(near)[distance <= rule.reach * scale].tolist())
+    ring = graph.neighbours(active)
+    outer = graph.neighbours(active | ring)
+    return _Names(sorted(active), sorted(ring), sorted(outer))
+
+
+def _has_grown(world: World, name: int, renewal: float) -> bool:
+    node = world.graph.nodes[name]
+    return node.gained > (renewal - 1.0) * (len(node.cells) - node.gained)
+
+
+def _region(
+    header: Header,
+    world: World | None,
+    awake: IntArray,
+    names: _Names,
+    waiting: int,
+    renewal: float,
+) -> Region:
+    if world is None:
+        return empty_region(header, {"active": 0})
+    voxels, graph = world.voxels, world.graph
+    slots, taken = [awake], [np.ones(len(awake), dtype=bool)]
+    for part, takes in ((names.active, True), (names.ring, False), (names.outer, False)):
+        for name in part:
+            cells = graph.nodes[name].cells
+            cells = cells[voxels.owner[cells] == name]
+            slots.append(cells)
+            taken.append(np.full(len(cells), takes))
+    every, first = np.unique(np.concatenate(slots), return_index=True)
+    figures = {
+        "voxels": len(voxels),
+        "nodes": len(graph),
+        "waiting": waiting,
+        "active": len(names.active),
+        "fixed": len(names.ring) + len(names.outer),
+        "points": len(every),
+    }
+    return Region(
+        header=header,
+        slots=every,
+        taken=np.concatenate(taken)[first],
+        owner=voxels.owner[every],
+        radius=voxels.radius[every],
+        grown=np.array([n for n in names.active if _has_grown(world, n, renewal)], np.int64),
+        active=np.array(names.active, dtype=np.int64),
+        ring=np.array(names.ring, dtype=np.int64),
+        next_id=graph.next_id,
+        figures=figures,
+    )
