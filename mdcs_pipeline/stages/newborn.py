@@ -57,15 +57,17 @@ class Newborn(Stage[NewbornSettings]):
     def __call__(
         self,
         cloud: MassCloud,
-        nodes: Nodes,
         region: Region,
         surface: Surface,
         thickness: Thickness,
+        nodes: Nodes | None = None,
     ) -> NewbornOutput:
         """Return the scene's nodes of the region with the new ones behind them.
 
         Known nodes take the scale of the points that they own; fixed ones keep theirs.
         """
+        if nodes is None:
+            nodes = Nodes(np.empty((0, 3)), np.empty(0), header=cloud.header)
         known = _picked(nodes, np.flatnonzero(self._served(cloud, nodes, region, thickness)))
         owner = _rows_of(region.owner, known.ids)
         known = _rescaled(known, owner, thickness.radius)

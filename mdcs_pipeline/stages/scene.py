@@ -144,6 +144,6 @@ class SceneMap(Stage[SceneSettings]):
         region = choose_region(state, rule, header, drain)
         if state.world is None or len(region) < _LEAST_POINTS:
             return SceneOutput(region, None, None)
-        return SceneOutput(
-            region, region_cloud(state.world, region), region_nodes(state.world, region)
-        )
+        nodes = region_nodes(state.world, region)
+        cloud_here = region_cloud(state.world, region)
+        return SceneOutput(region, cloud_here, nodes if len(nodes) else None)
