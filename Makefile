@@ -10,13 +10,15 @@ SYSTEM := libusb-1.0-0 libegl1 libgl1 libx11-6 libudev1 libidn2-0 libgomp1
 PACKAGING := pyproject.toml
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint clean bench-topology
+.PHONY: help demo test lint clean bench-topology bench-stream bench-stream-live
 
 help:
 	@echo 'make demo            set up, and run the main job on a cloud of its own: out/demo'
 	@echo 'make test            set up, and run every check'
 	@echo 'make lint            the checks without the tests'
 	@echo 'make bench-topology  all of the topology benchmark (hours)'
+	@echo 'make bench-stream    all that streaming must show, but for the live run (20 minutes)'
+	@echo 'make bench-stream-live   30,000 points at 10 Hz for 5 minutes'
 	@echo 'make clean           remove what was set up and made'
 
 demo: $(VENV)/.demo
@@ -34,6 +36,12 @@ lint: $(VENV)/.test
 bench-topology: $(VENV)/.test
 	$(BIN)/python -m benchmarks.topology --suites '.*' --seeds 3 --jobs $(JOBS) \
 	  --method mdcs:default --method mdcs:paper --sheet build/failures.png --readme
+
+bench-stream: $(VENV)/.test
+	$(BIN)/python -m benchmarks.stream --readme
+
+bench-stream-live: $(VENV)/.test
+	$(BIN)/python -m benchmarks.stream --parts live --readme
 
 clean:
 	rm -rf .venv build dist out *.egg-info .coverage .pytest_cache .mypy_cache .ruff_cache \

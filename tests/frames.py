@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import shapes
 import numpy as np
+import shapes
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
@@ -21,9 +21,7 @@ def half(points: FloatArray, turn: float) -> FloatArray:
 
 def orbit(count: int = 8, points: int = 6000, laps: float = 1.0, seed: int = 0) -> list[FloatArray]:
     """Return frames around the Y: each sees somewhat more than half of it."""
-    return [
-        half(shapes.y(points, seed + k), 2 * np.pi * laps * k / count) for k in range(count)
-    ]
+    return [half(shapes.y(points, seed + k), 2 * np.pi * laps * k / count) for k in range(count)]
 
 
 def rod(start: float, end: float, count: int = 3000, seed: int = 0) -> FloatArray:

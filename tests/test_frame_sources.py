@@ -159,7 +159,9 @@ def test_unknown_policies_are_refused(text: str) -> None:
         parse_policy(text)
 
 
-@pytest.mark.parametrize(("policy", "left"), [(Policy("latest"), [9]), (Policy("queue", 3), [7, 8, 9])])
+@pytest.mark.parametrize(
+    ("policy", "left"), [(Policy("latest"), [9]), (Policy("queue", 3), [7, 8, 9])]
+)
 def test_what_waits_and_what_goes(policy: Policy, left: list[int]) -> None:
     gate: Gate[int] = Gate(policy)
     for k in range(10):

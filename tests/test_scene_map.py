@@ -105,7 +105,9 @@ def test_the_nearest_owner_is_that_of_brute_force(reach: int) -> None:
     held = VoxelMap(SIZE)
     held.add(rng.uniform(-2, 2, (400, 3)), 0, 1, 9, 0.3)
     slots = np.flatnonzero(held.live)
-    held.owner[slots] = np.where(rng.uniform(size=len(slots)) < 0.1, rng.integers(0, 5, len(slots)), -1)
+    held.owner[slots] = np.where(
+        rng.uniform(size=len(slots)) < 0.1, rng.integers(0, 5, len(slots)), -1
+    )
     found = held.nearest_owner(slots, reach)
     grid = np.floor(held.place[slots] / SIZE)
     distance = cdist(held.place[slots], held.place[slots])

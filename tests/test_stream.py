@@ -37,9 +37,7 @@ def same(one: Skeleton, other: Skeleton) -> bool:
 
 
 def places(skeleton: Skeleton) -> dict[int, tuple[float, ...]]:
-    return dict(
-        zip(skeleton.node_ids.tolist(), map(tuple, skeleton.nodes.tolist()), strict=True)
-    )
+    return dict(zip(skeleton.node_ids.tolist(), map(tuple, skeleton.nodes.tolist()), strict=True))
 
 
 @pytest.fixture(scope="module")

@@ -25,30 +25,39 @@ def _tube(a: Floats, b: Floats, ra: float, rb: float, sides: int = 24) -> tuple[
     return np.concatenate([a + ra * ring, b + rb * ring]), faces
 
 
+def parts_of(shape: Shape) -> list[tuple[Floats, Any]]:
+    """Return the vertices and triangles of a ball for each node and a cone for each edge."""
+    import open3d as o3d
+
+    ball = o3d.geometry.TriangleMesh.create_sphere(1.0, resolution=20)
+    vertices, faces = np.asarray(ball.vertices), np.asarray(ball.triangles)
+    balls = [(p + r * vertices, faces) for p, r in zip(shape.nodes, shape.balls, strict=True)]
+    ends = (
+        (shape.nodes[i], shape.nodes[j], shape.balls[i], shape.balls[j]) for i, j in shape.edges
+    )
+    return balls + [_tube(*end) for end in ends]
+
+
 class Camera:
-    """Casts rays at a shape whose limbs may overlap: the first hit is its outer surface.
+    """Casts rays at triangles whose parts may overlap: the first hit is the outer surface.
 
     Parameters
     ----------
-    shape : Shape
+    parts : list of (vertices, triangles)
     noise : float
         Standard deviation along the ray, in input units.
     seed : int
     """
 
-    def __init__(self, shape: Shape, noise: float = 0.0, seed: int = 0) -> None:
+    def __init__(self, parts: list[tuple[Floats, Any]], noise: float = 0.0, seed: int = 0) -> None:
         import open3d as o3d
 
         self._o3d = o3d
         self._noise = noise
         self._rng = np.random.default_rng(seed)
         self._scene = o3d.t.geometry.RaycastingScene(nthreads=1)
-        ball = o3d.geometry.TriangleMesh.create_sphere(1.0, resolution=20)
-        vertices, faces = np.asarray(ball.vertices), np.asarray(ball.triangles)
-        for place, radius in zip(shape.nodes, shape.balls, strict=True):
-            self._add(place + radius * vertices, faces)
-        for i, j in shape.edges:
-            self._add(*_tube(shape.nodes[i], shape.nodes[j], shape.balls[i], shape.balls[j]))
+        for vertices, faces in parts:
+            self._add(vertices, faces)
 
     def _add(self, vertices: Floats, faces: Any) -> None:
         core = self._o3d.core
@@ -85,13 +94,13 @@ class Camera:
 
 
 def orbit(
-    shape: Shape, frames: int, laps: float = 1.0, lift: float = 0.35, distance: float = 1.5
+    box: tuple[Floats, Floats], frames: int, laps: float = 1.0, lift: float = 0.35
 ) -> Iterator[tuple[Floats, Floats]]:
-    """Yield eye and target of a camera that circles a shape, up and down as it goes."""
-    low, high = shape.box
-    centre = (low + high) / 2
+    """Yield eye and target of a camera that circles a box, up and down as it goes."""
+    low, high = box
+    centre, diagonal = (low + high) / 2, float(np.linalg.norm(high - low))
     for k in range(frames):
         turn = 2 * np.pi * laps * k / frames
         height = lift * np.sin(2.0 * turn + 0.5)
         aim = np.array([np.cos(turn), np.sin(turn), height])
-        yield centre + distance * shape.diagonal * aim / np.linalg.norm(aim), centre
+        yield centre + 1.5 * diagonal * aim / np.linalg.norm(aim), centre

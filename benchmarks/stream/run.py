@@ -91,7 +91,7 @@ def errors(skeleton: Skeleton, truth: Truth) -> tuple[int, int, int]:
     return (
         held["components"] - truth.components,
         held["cycles"] - truth.cycles,
-        held["leaves"] - truth.leaves,
+        held["leaves"] - truth.leaves if truth.count_leaves else 0,
     )
 
 

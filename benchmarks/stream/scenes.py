@@ -7,9 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from benchmarks.stream.camera import Camera, orbit
+from benchmarks.stream.camera import Camera, orbit, parts_of
+from benchmarks.topology import models
 from benchmarks.topology.builder import Builder
-from benchmarks.topology.solid import Floats, Shape
+from benchmarks.topology.shapes import make, sample
+from benchmarks.topology.solid import Floats, Shape, Truth
 
 #: Distance of two frames of a walk along the network, in input units.
 STRIDE = 0.4
@@ -21,20 +23,19 @@ class Views(NamedTuple):
 
     Parameters
     ----------
-    shape : Shape
-        The truth.
+    truth : Truth
     clouds : list of (N, 3) float64
     voxel : float
         Edge of the map's voxels, in input units.
     """
 
-    shape: Shape
+    truth: Truth
     clouds: list[Floats]
     voxel: float
 
 
 def orbit_views(
-    shape: Shape,
+    name: str,
     frames: int,
     laps: float = 1.0,
     points: int = 20_000,
@@ -42,20 +43,26 @@ def orbit_views(
     jitter: float = 0.0,
     seed: int = 0,
 ) -> Views:
-    """Return frames of a camera that circles a shape.
+    """Return frames of a camera that circles a shape or a mesh of the shared data.
 
     `noise` along the ray and `jitter` of the pose are in diagonals; the jitter is that of the
     camera's place, and of what lies one diagonal away by its turn.
     """
-    camera = Camera(shape, noise * shape.diagonal, seed)
+    truth: Truth
+    if name in models.MESHES:
+        truth, mesh = models.mesh_truth(name), models.mesh(name)
+        parts, box = [mesh], (mesh[0].min(axis=0), mesh[0].max(axis=0))
+    else:
+        shape = make(name)
+        truth, parts, box = shape, parts_of(shape), shape.box
+    camera = Camera(parts, noise * truth.diagonal, seed)
     rng = np.random.default_rng(seed + 1)
     clouds = []
-    for eye, target in orbit(shape, frames, laps):
+    for eye, target in orbit(box, frames, laps):
         cloud = camera.frame(eye, target, points)
-        shift = rng.normal(0.0, jitter * shape.diagonal, 3) if jitter else np.zeros(3)
-        turn = rng.normal(0.0, jitter, 3) if jitter else np.zeros(3)
-        clouds.append(cloud + shift + np.cross(turn, cloud - target))
-    return Views(shape, clouds, 0.015 * shape.diagonal)
+        shift, turn = rng.normal(0.0, jitter, (2, 3))
+        clouds.append(cloud + shift * truth.diagonal + np.cross(turn, cloud - target))
+    return Views(truth, clouds, 0.015 * truth.diagonal)
 
 
 def network(frames: int) -> Shape:
@@ -81,16 +88,31 @@ def network(frames: int) -> Shape:
     return build.done(1, rungs - 1, arms + loose)
 
 
+#: Edge of the voxels for the network, in input units.
+WALK_VOXEL = 0.075
+_SIDES = ((0.0, -4.0, 3.0), (0.0, 4.0, 3.0), (0.0, -4.0, -3.0), (0.0, 4.0, -3.0))
+
+
 def walk_views(
     frames: int, points: int = 20_000, noise: float = 0.01, seed: int = 0
 ) -> Iterator[Floats]:
     """Yield frames of a camera that walks along `network`, now on its one side, now the other."""
-    camera = Camera(network(frames), noise, seed)
+    camera = Camera(parts_of(network(frames)), noise, seed)
     for k in range(frames):
         at = np.array([k * STRIDE, 1.0, 0.0])
-        side = ((0.0, -4.0, 3.0), (0.0, 4.0, 3.0), (0.0, -4.0, -3.0), (0.0, 4.0, -3.0))[k % 4]
-        yield camera.frame(at + np.array(side), at, points, angle=46.0)
+        yield camera.frame(at + np.array(_SIDES[k % 4]), at, points, angle=46.0)
 
 
-#: Edge of the voxels for the network, in input units.
-WALK_VOXEL = 0.075
+def dancing(count: int, points: int = 20_000) -> Iterator[Floats]:
+    """Yield whole clouds of a figure that turns in its length and wanders, for replace mode."""
+    shape = make("humanoid")
+    for k in range(count):
+        cloud = sample(shape, points, np.random.default_rng(k)).points
+        height = (cloud[:, 2] - cloud[:, 2].min()) / shape.diagonal
+        angle = 0.5 * np.sin(0.15 * k) * height
+        x, y, z = cloud.T
+        moved = np.stack(
+            [np.cos(angle) * x - np.sin(angle) * y, np.sin(angle) * x + np.cos(angle) * y, z],
+            axis=1,
+        )
+        yield moved + [0.003 * k * shape.diagonal, 0.0, 0.0]
