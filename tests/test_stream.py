@@ -197,7 +197,7 @@ def test_replacing_follows_what_moves() -> None:
     survived = []
     for k in range(6):
         before = set(made.skeleton().node_ids.tolist())
-        made.push(shapes.y(8000, k) + [0.06 * k, 0, 0], stamp_ns=k + 1)
+        made.push(shapes.y(8000, k) + np.array([0.06 * k, 0, 0]), stamp_ns=k + 1)
         after = made.skeleton()
         survived.append(len(before & set(after.node_ids.tolist())) / max(len(before), 1))
     summary = after.summary()

@@ -24,7 +24,7 @@ LIVE: dict[str, Any] = {"scene.most": 2500, "scene.share": 0.2}
 
 
 def grow(frames: int) -> dict[str, Any]:
-    """Stream the network as it is revealed; one cold run once it holds 25 frames, one at the end."""
+    """Stream the network as it is revealed; cold runs once it holds 25 frames, and at the end."""
     shape = network(frames)
     clouds = list(walk_views(frames))
     colds: dict[int, Any] = {}

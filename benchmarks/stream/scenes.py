@@ -110,9 +110,7 @@ def dancing(count: int, points: int = 20_000) -> Iterator[Floats]:
         cloud = sample(shape, points, np.random.default_rng(k)).points
         height = (cloud[:, 2] - cloud[:, 2].min()) / shape.diagonal
         angle = 0.5 * np.sin(0.15 * k) * height
-        x, y, z = cloud.T
-        moved = np.stack(
-            [np.cos(angle) * x - np.sin(angle) * y, np.sin(angle) * x + np.cos(angle) * y, z],
-            axis=1,
-        )
-        yield moved + [0.003 * k * shape.diagonal, 0.0, 0.0]
+        turned = cloud.copy()
+        turned[:, 0] = np.cos(angle) * cloud[:, 0] - np.sin(angle) * cloud[:, 1]
+        turned[:, 1] = np.sin(angle) * cloud[:, 0] + np.cos(angle) * cloud[:, 1]
+        yield turned + np.array([0.003 * k * shape.diagonal, 0.0, 0.0])

@@ -58,8 +58,7 @@ def frozen(frames: int = 40) -> dict[str, Any]:
 def warm_solve(name: str = "quadruped") -> dict[str, float]:
     """Solve a plan with prescribed masses cold, and again from its potentials."""
     views = orbit_views(name, 12)
-    for timed in streamed(views.clouds, views.voxel):
-        pass
+    *_, timed = streamed(views.clouds, views.voxel)
     points = surface(timed.stream)
     skeleton = timed.stream.skeleton()
     count, ones = len(points), np.ones(len(points))
