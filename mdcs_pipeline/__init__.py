@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from mdcs_pipeline.messages import PointCloud
     from mdcs_pipeline.pipeline import Pipeline, skeletonize
     from mdcs_pipeline.skeleton import Skeleton
+    from mdcs_pipeline.stream import Stream
 
     __version__: str
 
@@ -32,6 +33,7 @@ __all__ = [
     "PointCloud",
     "Skeleton",
     "StageError",
+    "Stream",
     "__version__",
     "skeletonize",
 ]
@@ -41,6 +43,7 @@ _HOMES = {
     "Pipeline": "pipeline",
     "PointCloud": "messages",
     "Skeleton": "skeleton",
+    "Stream": "stream",
     "skeletonize": "pipeline",
 }
 
