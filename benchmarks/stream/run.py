@@ -70,10 +70,15 @@ class Cold:
     entries: int
 
 
-def cold(points: Floats) -> Cold:
-    """Run the default pipeline."""
+def cold(points: Floats, voxel: float | None = None) -> Cold:
+    """Run the default pipeline.
+
+    `voxel`, in input units, is the resolution that it is to keep where its own, a share of the
+    scene's size, would be too coarse for a scene that is long and thin.
+    """
     counter = Entries()
-    with Pipeline.from_config("default", hooks=[counter]) as pipe:
+    settings = {} if voxel is None else {"downsample.voxel_size": voxel}
+    with Pipeline.from_config("default", hooks=[counter], **settings) as pipe:
         began, cpu = time.perf_counter(), time.thread_time()
         skeleton = pipe.push(points)
         return Cold(skeleton, time.perf_counter() - began, time.thread_time() - cpu, counter.count)

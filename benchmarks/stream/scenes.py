@@ -14,7 +14,7 @@ from benchmarks.topology.shapes import make, sample
 from benchmarks.topology.solid import Floats, Shape, Truth
 
 #: Distance of two frames of a walk along the network, in input units.
-STRIDE = 0.4
+STRIDE = 1.2
 _BAY = 2.4
 
 

@@ -19,6 +19,8 @@ from mdcs_pipeline.scene.voxels import VoxelMap
 
 # Cells around a changed voxel among which its node is looked for.
 _REACH = 2
+# Width, in voxels, of the rim that is taken along around a region's ring.
+_RIM = 4.0
 
 
 class RegionRule(NamedTuple):
@@ -38,7 +40,7 @@ class RegionRule(NamedTuple):
         A node is made afresh once new surface has made its voxels this many times as many.
     """
 
-    share: float = 0.1
+    share: float = 0.15
     speck: int = 20
     reach: float = 1.5
     most: int = 6000
@@ -151,6 +153,23 @@ def _names(
     return _Names(sorted(active), sorted(ring), sorted(outer))
 
 
+def _cells(world: World, names: list[int]) -> IntArray:
+    """Return the voxels that the nodes still own."""
+    voxels, nodes = world.voxels, world.graph.nodes
+    held = [nodes[n].cells[voxels.owner[nodes[n].cells] == n] for n in names]
+    return np.concatenate([np.empty(0, np.int64), *held])
+
+
+def _rim(voxels: VoxelMap, inner: IntArray, outer: IntArray) -> IntArray:
+    """Return the outer voxels that touch the inner: enough to tell where the ring ends."""
+    if not len(inner) or not len(outer):
+        return outer[:0]
+    near, _ = cKDTree(voxels.place[inner]).query(
+        voxels.place[outer], distance_upper_bound=_RIM * voxels.size
+    )
+    return outer[np.isfinite(near)]
+
+
 def _has_grown(world: World, name: int, renewal: float) -> bool:
     node = world.graph.nodes[name]
     return node.gained > (renewal - 1.0) * (len(node.cells) - node.gained)
@@ -168,12 +187,13 @@ def _region(
         return empty_region(header, {"active": 0})
     voxels, graph = world.voxels, world.graph
     slots, taken = [awake], [np.ones(len(awake), dtype=bool)]
-    for part, takes in ((names.active, True), (names.ring, False), (names.outer, False)):
-        for name in part:
-            cells = graph.nodes[name].cells
-            cells = cells[voxels.owner[cells] == name]
-            slots.append(cells)
-            taken.append(np.full(len(cells), takes))
+    for part, takes in ((names.active, True), (names.ring, False)):
+        cells = _cells(world, part)
+        slots.append(cells)
+        taken.append(np.full(len(cells), takes))
+    rim = _rim(voxels, np.concatenate(slots), _cells(world, names.outer))
+    slots.append(rim)
+    taken.append(np.zeros(len(rim), dtype=bool))
     every, first = np.unique(np.concatenate(slots), return_index=True)
     figures = {
         "voxels": len(voxels),

@@ -161,7 +161,9 @@ def _write_nodes(world: World, region: Region, update: Update, free: set[int]) -
             )
         else:
             node = world.graph.nodes[name]
-            node.cells = cells
+            # Of an outer node only the rim was taken along; it keeps the rest.
+            kept = node.cells[world.voxels.owner[node.cells] == name]
+            node.cells = np.union1d(kept, cells)
             if name in ring:
                 node.mass = float(received[k]) * area
 
