@@ -40,7 +40,7 @@ class RegionRule(NamedTuple):
         A node is made afresh once new surface has made its voxels this many times as many.
     """
 
-    share: float = 0.15
+    share: float = 0.1
     speck: int = 20
     reach: float = 1.5
     most: int = 6000
