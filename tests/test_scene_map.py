@@ -119,7 +119,7 @@ def test_the_nearest_owner_is_that_of_brute_force(reach: int) -> None:
 
 
 def node(x: float) -> SceneNode:
-    return SceneNode(np.array([x, 0.0, 0.0]), 1.0, 0.0, 0.1, 0.1, np.empty(0, np.int64))
+    return SceneNode(np.array([x, 0.0, 0.0]), 1.0, 1.0, 0.0, 0.1, 0.1, np.empty(0, np.int64))
 
 
 def line(count: int) -> SceneGraph:

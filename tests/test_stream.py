@@ -62,6 +62,17 @@ def test_an_orbit_gives_the_shape(finished: Skeleton) -> None:
     assert finished.header.frame_id == "map"
 
 
+def test_mass_is_the_surface_that_a_node_stands_for() -> None:
+    """An even rod: mass goes with the length of rod around each node."""
+    skeleton = run([frames.rod(0, 4, 20_000)]).skeleton()
+    assert np.isclose(skeleton.mass.sum(), 1.0)
+    order = np.argsort(skeleton.nodes[:, 0])
+    x = skeleton.nodes[order, 0]
+    borders = np.concatenate([[0.0], (x[1:] + x[:-1]) / 2, [4.0]])
+    expected = np.diff(borders) / 4.0
+    assert np.abs(skeleton.mass[order] - expected).sum() < 0.1
+
+
 def test_a_ring_that_closes_over_frames_keeps_its_loop() -> None:
     """A spanning tree over frames could hold none."""
     ring = shapes.torus(40_000)

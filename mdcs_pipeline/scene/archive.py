@@ -15,7 +15,7 @@ from mdcs_pipeline.scene.voxels import VoxelMap
 
 Arrays = dict[str, NDArray[Any]]
 
-_NUMBERS = ("mass", "potential", "scale", "radius")
+_NUMBERS = ("mass", "share", "potential", "scale", "radius")
 
 
 def scene_arrays(scene: Scene) -> tuple[dict[str, Any], Arrays]:
@@ -135,9 +135,17 @@ def _graph(held: dict[str, Any], arrays: Arrays) -> SceneGraph:
         _rows("node_near", arrays),
         strict=True,
     )
-    for name, position, mass, potential, scale, radius, gained, cells, near in rows:
+    for name, position, mass, share, potential, scale, radius, gained, cells, near in rows:
         node = SceneNode(
-            position.copy(), mass, potential, scale, radius, cells, gained, tuple(near.tolist())
+            position=position.copy(),
+            mass=mass,
+            share=share,
+            potential=potential,
+            scale=scale,
+            radius=radius,
+            cells=cells,
+            gained=gained,
+            near=tuple(near.tolist()),
         )
         graph.put(name, node)
     start = 0

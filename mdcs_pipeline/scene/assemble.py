@@ -40,7 +40,7 @@ def assemble(scene: Scene) -> Skeleton:
     places = np.concatenate(
         [[node.position for _, node in nodes], *(c.positions for _, c in chains)]
     )
-    mass = np.concatenate([[node.mass for _, node in nodes], *(c.mass for _, c in chains)])
+    mass = np.concatenate([[node.share for _, node in nodes], *(c.mass for _, c in chains)])
     radius = np.concatenate([[node.radius for _, node in nodes], *(c.radius for _, c in chains)])
     order = np.argsort(ids, kind="stable")
     row = {int(name): k for k, name in enumerate(ids[order])}

@@ -23,7 +23,9 @@ class SceneNode:
     ----------
     position : (3,) float64
     mass : float
-        Surface that it receives, in squared unit lengths.
+        Surface that it receives among the nodes alone, in squared unit lengths.
+    share : float
+        The same once nodes are inserted into the edges: what the skeleton tells.
     potential : float
         f_i of the plan that last served it.
     scale : float
@@ -42,6 +44,7 @@ class SceneNode:
 
     position: FloatArray
     mass: float
+    share: float
     potential: float
     scale: float
     radius: float

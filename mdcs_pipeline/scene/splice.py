@@ -150,6 +150,7 @@ def _write_nodes(world: World, region: Region, update: Update, free: set[int]) -
                 SceneNode(
                     position=places[k].copy(),
                     mass=float(received[k]) * area,
+                    share=float(skeleton.mass[k]) * area,
                     potential=float(nodes.potentials[k]),
                     scale=float(nodes.scale[k]),
                     radius=float(skeleton.radius[k]) / world.unit.length,
