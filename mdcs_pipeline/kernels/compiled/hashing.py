@@ -100,20 +100,11 @@ def add_points(
     since: IntArray,
     live: BoolArray,
 ) -> tuple[IntArray, int, int, int]:
-    """Add points to the voxels that they lie in.
+    """Add points to their voxels; return who was touched, how many are new, free_count, used.
 
-    `key`, `count`, `total`, `seen`, `since` and `live` are by slot. A voxel that is not live
-    `patience` frames after its first point begins anew: what noise hits now and then over a
-    long time is no surface. New voxels take slots from the stack `free`
-    and then from `used` on; there must be room for as many as there are points.
-
-    Returns
-    -------
-    touched : (t,) int64
-        Slots that received any, each once, in the order of the points.
-    new : int
-        How many of them are new.
-    free_count, used : int
+    All from `key` on is by slot. A voxel that is not live `patience` frames after its first
+    point begins anew: what noise hits now and then is no surface. New voxels take slots from
+    the stack `free`, then from `used` on; there must be room for as many as there are points.
     """
     touched = np.empty(len(points), np.int64)
     t = 0
