@@ -19,8 +19,6 @@ from mdcs_pipeline.scene.voxels import VoxelMap
 
 # Cells around a changed voxel among which its node is looked for.
 _REACH = 2
-# Width, in voxels, of the rim that is taken along around a region's ring.
-_RIM = 4.0
 
 
 class RegionRule(NamedTuple):
@@ -160,16 +158,6 @@ def _cells(world: World, names: list[int]) -> IntArray:
     return np.concatenate([np.empty(0, np.int64), *held])
 
 
-def _rim(voxels: VoxelMap, inner: IntArray, outer: IntArray) -> IntArray:
-    """Return the outer voxels that touch the inner: enough to tell where the ring ends."""
-    if not len(inner) or not len(outer):
-        return outer[:0]
-    near, _ = cKDTree(voxels.place[inner]).query(
-        voxels.place[outer], distance_upper_bound=_RIM * voxels.size
-    )
-    return outer[np.isfinite(near)]
-
-
 def _has_grown(world: World, name: int, renewal: float) -> bool:
     node = world.graph.nodes[name]
     return node.gained > (renewal - 1.0) * (len(node.cells) - node.gained)
@@ -187,13 +175,12 @@ def _region(
         return empty_region(header, {"active": 0})
     voxels, graph = world.voxels, world.graph
     slots, taken = [awake], [np.ones(len(awake), dtype=bool)]
-    for part, takes in ((names.active, True), (names.ring, False)):
+    # Of the outer nodes all voxels too: where the region ends, thickness is measured wrong, and
+    # that must not be at what is updated.
+    for part, takes in ((names.active, True), (names.ring, False), (names.outer, False)):
         cells = _cells(world, part)
         slots.append(cells)
         taken.append(np.full(len(cells), takes))
-    rim = _rim(voxels, np.concatenate(slots), _cells(world, names.outer))
-    slots.append(rim)
-    taken.append(np.zeros(len(rim), dtype=bool))
     every, first = np.unique(np.concatenate(slots), return_index=True)
     figures = {
         "voxels": len(voxels),

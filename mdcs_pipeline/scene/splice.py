@@ -162,9 +162,7 @@ def _write_nodes(world: World, region: Region, update: Update, free: set[int]) -
             )
         else:
             node = world.graph.nodes[name]
-            # Of an outer node only the rim was taken along; it keeps the rest.
-            kept = node.cells[world.voxels.owner[node.cells] == name]
-            node.cells = np.union1d(kept, cells)
+            node.cells = cells
             if name in ring:
                 node.mass = float(received[k]) * area
 
