@@ -257,7 +257,9 @@ class Stream:
         scene = self.scene
         if scene.world is None:
             return 0
-        return int(np.count_nonzero(scene.world.voxels.pending[np.unique(scene.changed)]))
+        pending = scene.world.voxels.pending
+        held = [scene.changed, *scene.waiting.values()]
+        return sum(int(np.count_nonzero(pending[slots])) for slots in held)
 
     def _drop(self, why: str) -> None:
         self.counts["dropped"] += 1

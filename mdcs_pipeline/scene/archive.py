@@ -43,6 +43,9 @@ def scene_arrays(scene: Scene) -> tuple[dict[str, Any], Arrays]:
     arrays: Arrays = {
         "changed": scene.changed,
         "vacated": np.array(sorted(scene.vacated), dtype=np.int64),
+        "overdue": np.array(sorted(scene.overdue), dtype=np.int64),
+        "waiting_at": np.array(list(scene.waiting), dtype=np.int64),
+        **_ragged("waiting", list(scene.waiting.values())),
         **_ragged("hits", [slots for _, _, slots in scene.hits]),
     }
     if scene.world is not None:
@@ -110,6 +113,8 @@ def scene_from_arrays(values: dict[str, Any], arrays: Arrays) -> Scene:
         stamp_ns=int(values["stamp_ns"]),
         changed=arrays["changed"].astype(np.int64),
         vacated=set(arrays["vacated"].tolist()),
+        overdue=set(arrays["overdue"].tolist()),
+        waiting=dict(zip(arrays["waiting_at"].tolist(), _rows("waiting", arrays), strict=True)),
         hits=deque((int(number), int(stamp), slots) for (number, stamp), slots in hits),
         drain=bool(values["drain"]),
     )

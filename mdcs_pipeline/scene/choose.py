@@ -15,10 +15,12 @@ from mdcs_pipeline.header import Header
 from mdcs_pipeline.scene.graph import SceneGraph
 from mdcs_pipeline.scene.region import Region, empty_region
 from mdcs_pipeline.scene.state import Scene, World
-from mdcs_pipeline.scene.voxels import VoxelMap
+from mdcs_pipeline.scene.voxels import NOBODY, VoxelMap
 
 # Cells around a changed voxel among which its node is looked for.
 _REACH = 2
+# Voxels away from all nodes that are looked at again in every frame.
+_ALONE = 500
 
 
 class RegionRule(NamedTuple):
@@ -72,51 +74,67 @@ def choose_region(scene: Scene, rule: RegionRule, header: Header, drain: bool) -
     world = scene.world
     if world is None:
         return empty_region(header, {})
-    voxels = world.voxels
-    waiting = _waiting(scene, voxels, rule.most)
-    awake, touched = _awake(world, waiting, scene.vacated, rule, drain)
+    awake, touched = _awake(scene, world, rule, drain)
+    due = set(touched)
+    place = world.voxels.place
     while True:
-        names = _names(world.graph, voxels.place[awake], touched, rule)
+        names = _names(world.graph, place[awake], touched, rule)
         held = sum(len(world.graph.nodes[n].cells) for part in names for n in part)
-        if len(awake) + held <= rule.most or len(awake) < 2:
+        # What surrounds it may be large by itself: then a quarter is enough to be new.
+        if len(awake) + held <= rule.most or len(awake) <= rule.most // 4:
             break
         # Too much at once: the half that lies together goes first.
-        centre = voxels.place[awake[0]]
-        far = np.linalg.norm(voxels.place[awake] - centre, axis=1)
+        far = np.linalg.norm(place[awake] - place[awake[0]], axis=1)
         awake = np.sort(awake[np.argsort(far, kind="stable")[: (len(awake) + 1) // 2]])
-        owners = np.unique(voxels.nearest_owner(awake, _REACH))
+        owners = np.unique(world.voxels.nearest_owner(awake, _REACH))
         touched = {int(n) for n in owners if n in world.graph.nodes}
-    return _region(header, world, awake, names, len(scene.changed), rule.renewal)
+    scene.overdue = due - touched
+    return _region(header, world, awake, names, _count(scene), rule.renewal)
 
 
-def _waiting(scene: Scene, voxels: VoxelMap, most: int) -> IntArray:
-    """Return pending voxels, those that were looked at longest ago first."""
-    held = scene.changed[voxels.pending[scene.changed]]
-    _, first = np.unique(held, return_index=True)
-    held = held[np.sort(first)]
-    scene.changed = np.concatenate([held[most:], held[:most]])
-    return held[:most]
+def _count(scene: Scene) -> int:
+    return sum(len(slots) for slots in scene.waiting.values())
 
 
-def _awake(
-    world: World, waiting: IntArray, vacated: set[int], rule: RegionRule, drain: bool
-) -> tuple[IntArray, set[int]]:
+def _awake(scene: Scene, world: World, rule: RegionRule, drain: bool) -> tuple[IntArray, set[int]]:
     """Return the voxels whose time has come, and the nodes that they lie at."""
-    nodes = world.graph.nodes
-    lost = {n for n in vacated if n in nodes and (drain or _loss(world, n) >= rule.share)}
-    if not len(waiting):
-        return waiting, lost
-    nearest = world.voxels.nearest_owner(waiting, _REACH)
-    names, where, counts = np.unique(nearest, return_inverse=True, return_counts=True)
-    needed = np.array(
-        [rule.share * len(nodes[n].cells) if n in nodes else 0.0 for n in names.tolist()]
-    )
-    due = (counts >= needed) | drain
-    known = names >= 0
-    awake = (due & known)[where]
-    alone = np.flatnonzero(nearest < 0)
-    awake[alone[_patches(world.voxels, waiting[alone], rule.speck)]] = True
-    return waiting[awake], lost | set(names[due & known].tolist())
+    voxels, nodes, waiting = world.voxels, world.graph.nodes, scene.waiting
+    touched = _sorted_in(scene, world) | {n for n in scene.overdue if n in waiting}
+    if drain:
+        touched |= waiting.keys()
+    due = {n for n in scene.vacated if n in nodes and (drain or _loss(world, n) >= rule.share)}
+    awake = []
+    for name in sorted(touched):
+        held = waiting[name] = waiting[name][voxels.pending[waiting[name]]]
+        if name < 0:
+            held = held[_patches(voxels, held, rule.speck)]
+        elif not (drain or len(held) >= rule.share * len(nodes[name].cells)):
+            continue
+        else:
+            due.add(name)
+        if not len(waiting[name]):
+            del waiting[name]
+        awake.append(held)
+    # A slot may have been used again while it waited elsewhere.
+    return np.unique(np.concatenate([np.empty(0, np.int64), *awake])), due
+
+
+def _sorted_in(scene: Scene, world: World) -> set[int]:
+    """Put what has changed to the nodes that it lies at, and return these."""
+    voxels, waiting = world.voxels, scene.waiting
+    # What lay at no node may do so by now; those asked longest ago are asked again.
+    alone = waiting.pop(NOBODY, np.empty(0, np.int64))
+    if len(alone) > _ALONE:
+        waiting[NOBODY] = alone[_ALONE:]
+    new = np.concatenate([alone[:_ALONE], scene.changed])
+    scene.changed = np.empty(0, np.int64)
+    new = np.unique(new[voxels.pending[new]])
+    nearest = voxels.nearest_owner(new, _REACH)
+    names, where = np.unique(nearest, return_inverse=True)
+    for k, name in enumerate(names.tolist()):
+        slots = new[where == k]
+        waiting[name] = np.concatenate([waiting[name], slots]) if name in waiting else slots
+    return {*names.tolist(), NOBODY} & waiting.keys()
 
 
 def _loss(world: World, name: int) -> float:

@@ -19,6 +19,9 @@ from mdcs_pipeline.scene.state import Scene, World
 
 FloatArray = NDArray[np.float64]
 
+# An edge without inserted points.
+_STRAIGHT = Chain(np.empty(0, np.int64), np.empty((0, 3)), np.empty(0), np.empty(0))
+
 
 class Update(NamedTuple):
     """What the stages made of a region.
@@ -66,6 +69,7 @@ def splice_nothing(scene: Scene, region: Region) -> SceneChange:
         for name in gone:
             graph.remove(name)
         scene.vacated -= set(gone)
+        _hand_back(scene, set(gone))
         return _difference(scene, region, before, set())
     return SceneChange(region.header, scene=scene.number, figures=region.figures)
 
@@ -97,8 +101,10 @@ def splice_update(scene: Scene, region: Region, update: Update) -> SceneChange:
     ids = rough.nodes.ids.tolist()
     fixed = rough.nodes.fixed
     free = {name for name, stays in zip(ids, fixed.tolist(), strict=True) if not stays}
-    before = _snapshot(world, set(region.active.tolist()))
+    seen = {*region.active.tolist(), *ids}
+    before = _snapshot(world, seen)
     _own(world, region, update, free)
+    inherited = _inherited(world, region, free)
     for name in region.active.tolist():
         if name not in free:
             graph.remove(name)
@@ -106,9 +112,36 @@ def splice_update(scene: Scene, region: Region, update: Update) -> SceneChange:
             graph.cut(name)
     _write_nodes(world, region, update, free)
     _write_near(graph, update, free | set(region.ring.tolist()))
-    _write_edges(world, region, update, free, before.chains)
+    _write_edges(world, region, update, before.chains)
+    for pair in inherited:
+        if pair not in graph.chains:
+            graph.join(pair, _STRAIGHT)
     scene.vacated -= set(region.active.tolist())
-    return _difference(scene, region, before, free)
+    _hand_back(scene, set(region.active.tolist()) - free)
+    return _difference(scene, region, before, seen & graph.nodes.keys())
+
+
+def _inherited(world: World, region: Region, free: set[int]) -> list[Pair]:
+    """Return the edges of nodes that fixed ones took in: what they joined must not come apart."""
+    graph, owner = world.graph, world.voxels.owner
+    pairs: set[Pair] = set()
+    for name in region.active.tolist():
+        node = graph.nodes[name]
+        if name in free or not len(node.cells):
+            continue
+        heirs, counts = np.unique(owner[node.cells], return_counts=True)
+        heir = int(heirs[np.argmax(counts)])
+        if heir in graph.nodes and heir not in free and heir != name:
+            kept = node.links - set(region.active.tolist()) - {heir}
+            pairs.update(pair_of(heir, other) for other in kept)
+    return sorted(pairs)
+
+
+def _hand_back(scene: Scene, gone: set[int]) -> None:
+    """What waited at nodes that are gone has to find others."""
+    held = [scene.waiting.pop(name) for name in sorted(gone & scene.waiting.keys())]
+    scene.changed = np.concatenate([scene.changed, *held])
+    scene.overdue -= gone
 
 
 def _own(world: World, region: Region, update: Update, free: set[int]) -> None:
@@ -188,10 +221,11 @@ def _write_near(graph: SceneGraph, update: Update, whole: set[int]) -> None:
         node.near = tuple(sorted(kept | found[name]))
 
 
-def _write_edges(
-    world: World, region: Region, update: Update, free: set[int], old: dict[Pair, Chain]
-) -> None:
-    """Put the edges that end at a free node, each with the points inserted into it."""
+def _write_edges(world: World, region: Region, update: Update, old: dict[Pair, Chain]) -> None:
+    """Put the edges that are not there, each with the points inserted into it.
+
+    They end at free nodes, but for those by which an update joins what lies around it.
+    """
     graph, skeleton = world.graph, update.skeleton
     ids = update.rough.nodes.ids.tolist()
     next_id = max(graph.next_id, region.next_id)
@@ -199,7 +233,7 @@ def _write_edges(
     area = len(region) * world.voxels.size**2
     for i, j, chain in _chains(update):
         pair = pair_of(ids[i], ids[j])
-        if not (pair[0] in free or pair[1] in free):
+        if pair in graph.chains:
             continue
         rows = np.array(chain if ids[i] < ids[j] else chain[::-1], dtype=np.int64)
         names = _names(old.get(pair), len(rows), next_id)
@@ -260,10 +294,10 @@ def _snapshot(world: World, names: set[int]) -> _Part:
     return _Part(places, edges, chains)
 
 
-def _difference(scene: Scene, region: Region, before: _Part, free: set[int]) -> SceneChange:
+def _difference(scene: Scene, region: Region, before: _Part, names: set[int]) -> SceneChange:
     assert scene.world is not None
     world = scene.world
-    after = _snapshot(world, free)
+    after = _snapshot(world, names)
     added = sorted(after.places.keys() - before.places.keys())
     removed = sorted(before.places.keys() - after.places.keys())
     moved = sorted(

@@ -73,7 +73,13 @@ class Scene:
     stamp_ns : int
         Of the latest frame.
     changed : (k,) int64
-        Slots of voxels that await an update; some of them may have vanished since.
+        Slots of voxels that have changed and belong to no node's `waiting` yet; some of them
+        may have vanished since.
+    waiting : dict of (k,) int64
+        Slots that await an update by the node that they lie at, −1 for those at none. Found by
+        node, so that a frame looks only at what it has added to.
+    overdue : set of int
+        Nodes that were to be updated and were too much for one frame.
     vacated : set of int
         Nodes that have lost voxels since the last update.
     hits : deque of (frame, stamp_ns, slots)
@@ -88,6 +94,8 @@ class Scene:
     frame_id: str | None = None
     stamp_ns: int = -1
     changed: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
+    waiting: dict[int, IntArray] = field(default_factory=dict)
+    overdue: set[int] = field(default_factory=set)
     vacated: set[int] = field(default_factory=set)
     hits: deque[tuple[int, int, IntArray]] = field(default_factory=deque)
     drain: bool = False

@@ -115,7 +115,8 @@ class VoxelMap:
         Returns
         -------
         touched, fresh, moved : (k,) int64
-            Slots that were hit, that became surface, and whose centroid has moved.
+            Slots that were hit, that became surface, and whose centroid has moved; of the
+            last two those that were not pending already.
 
         Raises
         ------
@@ -134,6 +135,7 @@ class VoxelMap:
         fresh, moved = settle_places(
             touched, least, shift * self.size, self.count, self.total, self.place, self.live
         )
+        fresh, moved = fresh[~self.pending[fresh]], moved[~self.pending[moved]]
         self.pending[fresh] = True
         self.pending[moved] = True
         return touched, fresh, moved

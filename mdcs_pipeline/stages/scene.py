@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from typing import Literal, NamedTuple
 
 from pydantic import Field, model_validator
@@ -139,8 +140,10 @@ class SceneMap(Stage[SceneSettings]):
             values = settings.model_dump(include=set(FrameRule._fields))
             add_frame(state, cloud, FrameRule(**values))
         rule = RegionRule(**settings.model_dump(include=set(RegionRule._fields)))
-        # What replaces a scene replaces all of it at once.
-        drain = state.drain or settings.mode == "replace"
+        drain = state.drain
+        if settings.mode == "replace":
+            # All of the scene at once: in parts, it would be made up of different moments.
+            drain, rule = True, rule._replace(most=sys.maxsize)
         region = choose_region(state, rule, header, drain)
         if state.world is None or len(region) < _LEAST_POINTS:
             return SceneOutput(region, None, None)
