@@ -184,6 +184,26 @@ def test_a_speck_waits_for_more() -> None:
     assert len(made.skeleton()) == before
 
 
+def test_a_frame_looks_only_at_what_it_adds_to(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What waits elsewhere was gone through in every frame: time grew with the scene."""
+    made = stream(**{"scene.share": 0.9})
+    for k in range(8):
+        made.push(frames.rod(k, k + 1.3, seed=k), stamp_ns=k + 1)
+    assert made.scene.world is not None
+    asked: list[int] = []
+    voxels = type(made.scene.world.voxels)
+    nearest = voxels.nearest_owner
+
+    def counted(self: Any, slots: np.ndarray, reach: int) -> np.ndarray:
+        asked.append(len(slots))
+        return nearest(self, slots, reach)
+
+    monkeypatch.setattr(voxels, "nearest_owner", counted)
+    assert sum(map(len, made.scene.waiting.values())) > 40
+    made.push(frames.rod(7, 8.3, 60, seed=99), stamp_ns=99)
+    assert sum(asked) <= 60
+
+
 def test_large_updates_are_done_in_parts() -> None:
     made = stream(**{"scene.most": 300})
     change = made.push(frames.rod(0, 4, 12_000), stamp_ns=1)
@@ -224,8 +244,10 @@ def test_a_window_without_a_length_is_refused() -> None:
         stream(**{"scene.mode": "window"})
 
 
-def test_replacing_follows_what_moves() -> None:
-    made = stream(**{"scene.mode": "replace"})
+@pytest.mark.parametrize("most", [6000, 300])
+def test_replacing_follows_what_moves(most: int) -> None:
+    """However much one frame may update: in parts, a scene was made up of different moments."""
+    made = stream(**{"scene.mode": "replace", "scene.most": most})
     survived = []
     for k in range(6):
         before = set(made.skeleton().node_ids.tolist())
