@@ -1,24 +1,30 @@
-# Needs Python 3.11 or later and make. `make PYTHON=python3.12 VENV=/tmp/venv test` chooses others.
+# Needs Python 3.10 or later and make. `make PYTHON=python3.12 VENV=/tmp/venv test` chooses others.
 PYTHON ?= python3
 VENV ?= .venv
 SUDO ?=
 JOBS ?= 2
 
 BIN := $(VENV)/bin
-PIP := $(BIN)/python -m pip --disable-pip-version-check -q
+# The warning is setuptools' own, of every project whose folders have other names than its packages.
+PIP := PYTHONWARNINGS='ignore:Editable installation' $(BIN)/python -m pip --disable-pip-version-check -q
 SYSTEM := libusb-1.0-0 libegl1 libgl1 libx11-6 libudev1 libidn2-0 libgomp1
 PACKAGING := pyproject.toml
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint clean bench-topology bench-stream bench-stream-live
+.PHONY: help demo test test-viewer lint docs package clean bench-topology bench-speed \
+  bench-stream bench-stream-live
 
 help:
 	@echo 'make demo            set up, and run the main job on a cloud of its own: out/demo'
 	@echo 'make test            set up, and run every check'
+	@echo 'make test-viewer     set up, and try the live page in a real browser'
 	@echo 'make lint            the checks without the tests'
+	@echo 'make docs            build the documentation: build/site'
+	@echo 'make package         build wheel and sdist, and use them under every Python there is'
 	@echo 'make bench-topology  all of the topology benchmark (hours)'
 	@echo 'make bench-stream    all that streaming must show, but for the live run (20 minutes)'
 	@echo 'make bench-stream-live   30,000 points at 10 Hz for 5 minutes'
+	@echo 'make bench-speed     the speed benchmark (about half an hour)'
 	@echo 'make clean           remove what was set up and made'
 
 demo: $(VENV)/.demo
@@ -27,11 +33,21 @@ demo: $(VENV)/.demo
 test: lint
 	$(BIN)/python -m pytest --cov --cov-branch --cov-report=term --cov-fail-under=90
 
+test-viewer: $(VENV)/.viewer
+	$(BIN)/python -m pytest tests/test_viewer_parts.py tests/test_viewer_page.py \
+	  tests/test_viewer_browser.py
+
 lint: $(VENV)/.test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+docs: $(VENV)/.test
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
+
+package: $(VENV)/.test
+	$(BIN)/python tests/package_check.py --jobs $(JOBS)
 
 bench-topology: $(VENV)/.test
 	$(BIN)/python -m benchmarks.topology --suites '.*' --seeds 3 --jobs $(JOBS) \
@@ -43,15 +59,18 @@ bench-stream: $(VENV)/.test
 bench-stream-live: $(VENV)/.test
 	$(BIN)/python -m benchmarks.stream --parts live --readme
 
+bench-speed: $(VENV)/.test
+	$(BIN)/python -m benchmarks.speed --readme
+
 clean:
-	rm -rf .venv build dist out *.egg-info .coverage .pytest_cache .mypy_cache .ruff_cache \
+	rm -rf .venv build dist out docs/figures *.egg-info .coverage .pytest_cache .mypy_cache .ruff_cache \
 	  .hypothesis .import_linter_cache
 	find mdcs_pipeline nodes configs tests benchmarks -name __pycache__ -prune -exec rm -rf {} +
 
 # The interpreter is tried first: an old one fails in pip with a message that names nothing.
 $(VENV)/.venv:
-	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
-	  echo "make: $(PYTHON) is missing or older than 3.11; name another: make PYTHON=python3.12" >&2; \
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10))' || { \
+	  echo "make: $(PYTHON) is missing or older than 3.10; name another: make PYTHON=python3.12" >&2; \
 	  exit 1; }
 	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || { \
 	  v=$$($(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2])'); \
@@ -68,9 +87,30 @@ $(VENV)/.demo: $(PACKAGING) | $(VENV)/.venv
 	@touch $@
 
 $(VENV)/.test: $(PACKAGING) | $(VENV)/.venv
-	$(PIP) install -e '.[open3d-cpu,draw,test]'
+	$(PIP) install -e '.[open3d-cpu,draw,bags,docs,test]'
 	@$(open3d-libraries)
 	@touch $@ $(VENV)/.demo
+
+# Without Open3D: the page needs none, and its wheel alone is larger than all of this.
+$(VENV)/.viewer: $(PACKAGING) | $(VENV)/.venv
+	$(PIP) install -e '.[viewer,browser,test]'
+	@$(chromium)
+	@touch $@
+
+# The system's browser: the one that playwright would fetch comes from outside of PyPI.
+define chromium
+found() { command -v chromium || command -v chromium-browser; }; \
+if ! found >/dev/null; then \
+  if command -v apt-get >/dev/null && { [ "$$(id -u)" = 0 ] || [ -n "$(SUDO)" ]; }; then \
+    echo "installing chromium"; \
+    $(SUDO) apt-get -qq update && \
+    DEBIAN_FRONTEND=noninteractive $(SUDO) apt-get -qq install -y --no-install-recommends chromium >/dev/null; \
+  fi; \
+  found >/dev/null || { \
+    echo "make: no chromium; as root run: apt-get update && apt-get install -y chromium" >&2; \
+    exit 1; }; \
+fi
+endef
 
 # Open3D's wheel leaves these to the system; which are missing shows when it is imported.
 define open3d-libraries

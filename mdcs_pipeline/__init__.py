@@ -15,6 +15,7 @@ if TYPE_CHECKING:
         StageError,
     )
     from mdcs_pipeline.header import Header
+    from mdcs_pipeline.measures import Measures, measure
     from mdcs_pipeline.messages import PointCloud
     from mdcs_pipeline.pipeline import Pipeline, skeletonize
     from mdcs_pipeline.skeleton import Skeleton
@@ -27,6 +28,7 @@ __all__ = [
     "Header",
     "InputError",
     "MdcsError",
+    "Measures",
     "MissingExtraError",
     "OutputError",
     "Pipeline",
@@ -35,13 +37,16 @@ __all__ = [
     "StageError",
     "Stream",
     "__version__",
+    "measure",
     "skeletonize",
 ]
 
 _HOMES = {
     "Header": "header",
+    "Measures": "measures",
     "Pipeline": "pipeline",
     "PointCloud": "messages",
+    "measure": "measures",
     "Skeleton": "skeleton",
     "Stream": "stream",
     "skeletonize": "pipeline",

@@ -148,10 +148,10 @@ def finite_points(
     InputError
         If there are such points and they are to be refused.
     """
+    if np.isfinite(points).all():
+        return points, 0
     finite = np.isfinite(points).all(axis=1)
     dropped = len(points) - int(np.count_nonzero(finite))
-    if not dropped:
-        return points, 0
     if nonfinite == "refuse":
         raise InputError(
             f"{dropped} of {len(points)} points hold NaN or infinity",

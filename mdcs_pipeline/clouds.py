@@ -57,6 +57,24 @@ class PointCloud:
         """Return the figures that a progress line shows."""
         return {"points": len(self)}
 
+    def to_open3d(self, tensor: bool = False) -> Any:
+        """Return the points as a cloud of Open3D, in memory of its own.
+
+        Parameters
+        ----------
+        tensor : bool
+            For an `open3d.t.geometry.PointCloud`, which keeps float32; otherwise an
+            `open3d.geometry.PointCloud`, which holds float64.
+
+        Raises
+        ------
+        MissingExtraError
+            Without the extra open3d or open3d-cpu.
+        """
+        from mdcs_pipeline.io.open3d_bridge import cloud_of
+
+        return cloud_of(self.positions, tensor)
+
 
 @dataclass(frozen=True, eq=False)
 class UnitFrame:
@@ -168,10 +186,13 @@ class Thickness:
     confidence : (n,) float64
         In [0, 1]: 1 where the patch around a point was seen to close into a tube, less the
         farther the value was carried over the surface.
+    centre : (n, 3) float64, optional
+        Centre of the closed patch that r_j came from, near the axis, in the unit frame.
     """
 
     radius: NDArray[np.float64]
     confidence: NDArray[np.float64]
+    centre: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         radius = finite_array(self.radius, (None,), "radius")
@@ -179,6 +200,8 @@ class Thickness:
             raise InputError("radius must be positive", received=f"minimum {radius.min()}")
         confidence = finite_array(self.confidence, (len(radius),), "confidence")
         set_fields(self, radius=radius, confidence=confidence)
+        if self.centre is not None:
+            set_fields(self, centre=finite_array(self.centre, (len(radius), 3), "centre"))
 
     def summary(self) -> dict[str, Any]:
         """Return the figures that a progress line shows."""

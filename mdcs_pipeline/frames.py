@@ -13,7 +13,7 @@ from mdcs_pipeline.arrays import FloatArray
 class Frame(NamedTuple):
     """One cloud of a stream.
 
-    Parameters
+    Attributes
     ----------
     stamp_ns : int
         Time of measurement in nanoseconds.

@@ -61,6 +61,10 @@ class Graph:
     network: nx.MultiDiGraph[str]
     order: tuple[str, ...]
 
+    def settings(self) -> dict[str, dict[str, Any]]:
+        """Return every setting of every stage as plain values, for the record of a result."""
+        return {n: stage.settings.model_dump(mode="json") for n, stage in self.stages.items()}
+
 
 def build_graph(spec: PipelineSpec, registry: Registry = stage_class) -> Graph:
     """Return the graph of a pipeline, or say what does not fit.

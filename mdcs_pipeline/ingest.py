@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Literal
+from typing import Any, Literal
 
 from mdcs_pipeline.arrays import finite_points, points_array
 from mdcs_pipeline.errors import InputError
@@ -21,7 +21,8 @@ def as_point_cloud(
     ----------
     points : (N, 3) array-like, Open3D cloud or PointCloud
         Coordinates of any real type in any memory layout, in input units. The array
-        itself is never written to.
+        itself is never written to. Contiguous float32 and float64 arrays and tensors on
+        the CPU are looked at where they lie, without a copy, unless points are dropped.
     header : Header, optional
         Of the message. Where `points` is a `PointCloud` already, its own frame and stamp
         are kept unless this names others; the number is taken from here.
@@ -53,6 +54,15 @@ def as_point_cloud(
     if not len(cloud):
         raise InputError("the cloud is empty", remedy="pass at least one point")
     return cloud
+
+
+def given_cloud(points: Any) -> PointCloud:
+    """Return what a stage was called with as a message.
+
+    In a graph that is a message already, which comes back as it is, empty ones too. In a
+    script it may be anything that `as_point_cloud` takes.
+    """
+    return points if isinstance(points, PointCloud) else as_point_cloud(points)
 
 
 def _over(own: Header, given: Header) -> Header:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Any
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -112,6 +113,20 @@ class Nodes:
         return {"nodes": len(self), "epsilon": self.epsilon}
 
 
+class _Late:
+    """A plan that is made when it is asked for, once."""
+
+    def __init__(self, make: Callable[[], sparse.csr_array]) -> None:
+        self._make = make
+        self._held: sparse.csr_array | None = None
+
+    def made(self) -> sparse.csr_array:
+        """Return the plan."""
+        if self._held is None:
+            self._held = self._make()
+        return self._held
+
+
 @dataclass(frozen=True, eq=False)
 class TransportPlan:
     """An entropic plan Π between a `MassCloud` and `Nodes` (Eq. 9-11).
@@ -154,19 +169,56 @@ class TransportPlan:
     entries: int = 0
 
     def __post_init__(self) -> None:
-        count = self.plan.shape[0]
-        if self.plan.shape[1] != len(self.nodes):
-            raise InputError(
-                f"the plan must have one column for each of {len(self.nodes)} nodes",
-                received=f"shape {self.plan.shape}",
-            )
         if not (np.isfinite(self.epsilon) and self.epsilon > 0):
             raise InputError("epsilon must be positive", received=self.epsilon)
-        data = finite_array(self.plan.data, (None,), "plan")
+        potentials = finite_array(self.point_potentials, (None,), "point_potentials")
+        set_fields(self, point_potentials=potentials)
+        if isinstance(self.plan, _Late):
+            set_fields(self, _late=self.plan)
+            object.__delattr__(self, "plan")
+        else:
+            set_fields(self, plan=self._checked(self.plan))
+
+    @classmethod
+    def late(cls, make: Callable[[], sparse.csr_array], **fields: Any) -> TransportPlan:
+        """Return a message whose plan is written out when it is first asked for.
+
+        Parameters
+        ----------
+        make : callable
+            Gives the plan, (n, m); called at most once, also for what `serving` returns.
+        **fields
+            All other fields.
+        """
+        return cls(plan=cast("sparse.csr_array", _Late(make)), **fields)
+
+    def serving(self, nodes: Nodes) -> TransportPlan:
+        """Return the same plan with its nodes relabelled; it is not written out for that."""
+        # Looked up apart: to ask for the plan itself would make it.
+        return replace(self, nodes=nodes, plan=vars(self).get("_late") or self.plan)
+
+    def __getattr__(self, name: str) -> Any:
+        # Reached only while the plan is missing: it is made, and there from then on.
+        if name != "plan" or "_late" not in vars(self):
+            raise AttributeError(name)
+        set_fields(self, plan=self._checked(vars(self)["_late"].made()))
+        return self.plan
+
+    def _checked(self, plan: sparse.csr_array) -> sparse.csr_array:
+        if plan.shape[1] != len(self.nodes):
+            raise InputError(
+                f"the plan must have one column for each of {len(self.nodes)} nodes",
+                received=f"shape {plan.shape}",
+            )
+        data = finite_array(plan.data, (None,), "plan")
         if len(data) and data.min() < 0:
             raise InputError("the plan must not be negative", received=f"minimum {data.min()}")
-        potentials = finite_array(self.point_potentials, (count,), "point_potentials")
-        set_fields(self, plan=frozen_matrix(self.plan), point_potentials=potentials)
+        if plan.shape[0] != len(self.point_potentials):
+            raise InputError(
+                f"point_potentials must have the shape ({plan.shape[0]})",
+                received=f"shape {self.point_potentials.shape}",
+            )
+        return frozen_matrix(plan)
 
     def summary(self) -> dict[str, Any]:
         """Return the figures that a progress line shows."""

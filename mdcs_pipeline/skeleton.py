@@ -108,11 +108,15 @@ class Skeleton:
     def to_networkx(self) -> nx.Graph[int]:
         """Return a networkx graph with ``position``, ``mass`` and ``radius`` at its nodes.
 
-        Nodes are named by `node_ids`; edges carry their ``length`` in input units.
+        Nodes are named by `node_ids`; edges carry their ``length`` in input units, and the
+        graph ``frame_id``, ``stamp_ns`` and ``seq`` of the header.
         """
         import networkx as nx
 
-        graph: nx.Graph[int] = nx.Graph()
+        header = self.header
+        graph: nx.Graph[int] = nx.Graph(
+            frame_id=header.frame_id, stamp_ns=header.stamp_ns, seq=header.seq
+        )
         for name, position, mass, radius in zip(
             self.node_ids.tolist(), self.nodes, self.mass, self.radius, strict=True
         ):
@@ -127,10 +131,25 @@ class Skeleton:
             graph.add_edge(int(self.node_ids[i]), int(self.node_ids[j]), length=length)
         return graph
 
-    def to_lineset(self) -> Any:
-        """Return an `open3d.geometry.LineSet`; needs the extra open3d or open3d-cpu."""
-        from mdcs_pipeline.io.open3d_bridge import line_set
+    def to_lineset(self, tensor: bool = False) -> Any:
+        """Return the skeleton as lines of Open3D, in memory of their own.
 
+        Parameters
+        ----------
+        tensor : bool
+            For an `open3d.t.geometry.LineSet`, whose points carry ``mass`` and ``radius``;
+            otherwise an `open3d.geometry.LineSet`.
+
+        Raises
+        ------
+        MissingExtraError
+            Without the extra open3d or open3d-cpu.
+        """
+        from mdcs_pipeline.io.open3d_bridge import line_set, tensor_line_set
+
+        if tensor:
+            values = {"mass": self.mass, "radius": self.radius}
+            return tensor_line_set(self.nodes, self.edges, **values)
         return line_set(self.nodes, self.edges)
 
     def save(self, path: str | Path) -> None:
@@ -157,7 +176,9 @@ class Skeleton:
         Parameters
         ----------
         path : str or Path
-            ``.json`` or ``.npz``; the other formats do not hold all of a skeleton.
+            ``.json`` or ``.npz`` for all of it. ``.graphml``, ``.ply`` and ``.swc`` hold
+            no assignment and no diagnostics; the last two no header and no names of nodes,
+            and SWC no mass, so that every node gets the same.
 
         Raises
         ------

@@ -51,7 +51,9 @@ class Stage(Generic[SettingsT]):
 
     A subclass names its `Settings` and defines ``__call__(self, port: Message, …)``
     that returns a NamedTuple with one field an output port. Annotations are the ports:
-    ``X | None`` is optional, ``tuple[X, ...]`` collects several.
+    ``X | None`` is optional, ``tuple[X, ...]`` collects several. A stage that takes a
+    `PointCloud` passes it through `mdcs_pipeline.ingest.given_cloud`, so that scripts can
+    call it on arrays and Open3D clouds as well.
 
     Parameters
     ----------

@@ -114,6 +114,14 @@ def test_the_demo_writes_cloud_skeleton_and_picture(tmp_path: Path) -> None:
     assert "leaves" in done.stdout
 
 
+def test_without_an_output_it_says_that_nothing_is_written(cloud: Path, tmp_path: Path) -> None:
+    told = mdcs("run", "-i", cloud, cwd=tmp_path)
+    assert told.returncode == 0, told.stderr
+    assert "nothing written" in told.stderr.splitlines()[-1]
+    assert left_in(tmp_path) == []
+    assert "nothing written" not in mdcs("run", "-i", cloud, "--json").stderr
+
+
 # --- what is refused
 
 
@@ -153,7 +161,10 @@ IN_PROCESS: list[tuple[list[str], list[str]]] = [
     (["default", "-i", "flat.npy"], ["flat.npy", "shape"]),
     (["default", "-i", "cloud.las"], ["cloud.las", "suffix"]),
     (["default", "-i", "nothing"], ["nothing", "no cloud file"]),
-    (["default"], ["nothing was given for the source 'cloud'"]),
+    (["default"], ["no cloud was given", "-i FILE"]),
+    ([], ["no cloud was given", "-i FILE"]),
+    (["none.npy"], ["a cloud stands where", "mdcs run default -i none.npy"]),
+    (["default", "-i", "CLOUD", "--port", "0"], ["--port", "add --view"]),
     (["default", "-i", "cluod=CLOUD"], ["'cluod'", "did you mean 'cloud'"]),
     (["default", "-i", "CLOUD", "-i", "CLOUD"], ["'cloud' is given twice"]),
     (["default", "-i", "CLOUD", "-o", "skeleton"], ["the file has no suffix"]),

@@ -96,6 +96,12 @@ def test_unknown_names_get_the_nearest_one() -> None:
         assert f"'{near}'" in done.stderr
 
 
+def test_who_names_no_stage_is_told_the_names() -> None:
+    done = mdcs("options")
+    assert done.exit_code == 2
+    assert "one of: bridge, check" in done.stderr
+
+
 def test_configurations_are_listed_and_valid() -> None:
     listed = mdcs("configs").stdout
     for name in config_names():

@@ -249,7 +249,8 @@ def test_damaged_json_says_what_and_where(wye, tmp_path, name):
         ("a.npz", b"", "not an NPZ archive"),
         ("a.npz", b"PK\x03\x04 no", "not an NPZ archive"),
         ("a.npz", b"\x93NUMPY no", "not an NPZ archive"),
-        ("a.ply", b"ply", "not read back from '.ply'"),
+        ("a.png", b"png", "not read back from '.png'"),
+        ("a.ply", b"ply", "no line set in PLY"),
     ],
 )
 def test_files_that_are_no_skeleton(tmp_path, name, data, word):

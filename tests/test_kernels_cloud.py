@@ -13,7 +13,11 @@ from scipy.spatial.distance import cdist
 from mdcs_pipeline.kernels.canonical import canonical_frame
 from mdcs_pipeline.kernels.compiled.farthest import farthest_points
 from mdcs_pipeline.kernels.compiled.heap import heap_drop, heap_push
-from mdcs_pipeline.kernels.compiled.patches import closing_patches, middle_variance, spread_minimum
+from mdcs_pipeline.kernels.compiled.patches import (
+    closing_patches,
+    middle_eigenvalue,
+    spread_minimum,
+)
 from mdcs_pipeline.kernels.density import area_mass, neighbour_radius
 from mdcs_pipeline.kernels.nearest import nearest
 from mdcs_pipeline.kernels.outliers import lonely_points, roundness
@@ -479,15 +483,17 @@ def test_the_heap_gives_its_entries_by_rising_key(plain):
 
 
 @BOTH
-def test_the_middle_variance_is_that_of_the_covariance(plain):
+@pytest.mark.parametrize("size", [[3, 2, 1], [1, 1, 1], [1, 1, 0], [1, 0, 0], [1, 1e-5, 1e-7]])
+def test_the_middle_eigenvalue_is_that_of_the_covariance(plain, size):
     rng = np.random.default_rng(0)
-    points, mass = rng.standard_normal((50, 3)) * [3, 2, 1], rng.uniform(1, 2, 50)
+    points, mass = rng.standard_normal((50, 3)) * size, rng.uniform(1, 2, 50)
+    points = points @ np.linalg.qr(rng.standard_normal((3, 3)))[0]
     second = (points * mass[:, None]).T @ points
-    found = (middle_variance.py_func if plain else middle_variance)(
-        mass.sum(), mass @ points, second
-    )
+    upper = second[np.triu_indices(3)]
+    moments = np.concatenate([[mass.sum()], mass @ points, upper])
+    found = (middle_eigenvalue.py_func if plain else middle_eigenvalue)(moments)
     wanted = np.linalg.eigvalsh(np.cov(points.T, aweights=mass, ddof=0))[1]
-    assert found == pytest.approx(wanted)
+    assert found == pytest.approx(wanted, rel=1e-9, abs=1e-15)
 
 
 @BOTH

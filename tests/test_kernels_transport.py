@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numba import njit
 from problems import (
     Transport,
     cost,
@@ -20,11 +21,21 @@ from scipy.special import softmax
 
 from mdcs_pipeline.kernels import sinkhorn
 from mdcs_pipeline.kernels.anderson import AndersonMixer
-from mdcs_pipeline.kernels.compiled.lists import best_and_slack, lists_within
-from mdcs_pipeline.kernels.compiled.passes import fill_kernel, fill_plan, sinkhorn_pass
+from mdcs_pipeline.kernels.blocks import BOX, filled, in_cells, listed, plan_of, slack_of
+from mdcs_pipeline.kernels.compiled.balance import sinkhorn_pass
+from mdcs_pipeline.kernels.compiled.boxes import box_bounds, box_order
+from mdcs_pipeline.kernels.compiled.exponential import vector_exp
 from mdcs_pipeline.kernels.compiled.shares import top_shares
 from mdcs_pipeline.kernels.energy import distances, mean_distance, transport_energy
-from mdcs_pipeline.kernels.sinkhorn import Accuracy, Problem, Solution, solve, solve_free
+from mdcs_pipeline.kernels.sinkhorn import (
+    Accuracy,
+    Problem,
+    Solution,
+    couple,
+    couple_free,
+    solve,
+    solve_free,
+)
 
 TIGHT = Accuracy(tolerance=1e-8, cut=1e-12, max_passes=5000)
 
@@ -157,18 +168,19 @@ def test_the_plan_keeps_under_shift_and_scale(seed, factor, shift):
 @given(seed=st.integers(0, 10_000), epsilon=st.floats(0.01, 2.0), scaled=st.booleans())
 @settings(max_examples=25, deadline=None)
 def test_the_plan_is_what_its_potentials_say_and_meets_both_marginals(seed, epsilon, scaled):
+    """Entries have the digits of the numbers they are kept in: float32 at the default."""
     problem = balanced(seed, 60, 8, epsilon, scaled)
-    for accuracy in (TIGHT, Accuracy()):
+    for accuracy, digits in ((TIGHT, 1e-9), (Accuracy(), 2e-5)):
         found = cold(problem, accuracy)
         entries = sparse.coo_array(found.plan)
         f, g = found.node_potentials[entries.col], found.point_potentials[entries.row]
         exponent = (f + g - costs(problem)[entries.row, entries.col]) / epsilon
-        np.testing.assert_allclose(entries.data, np.exp(exponent), rtol=1e-9)
+        np.testing.assert_allclose(entries.data, np.exp(exponent), rtol=digits)
         np.testing.assert_allclose(found.plan.sum(axis=1), problem.mass, rtol=1e-12)
         off = np.abs(found.plan.sum(axis=0) - problem.target).sum()
         assert found.converged
         assert off <= accuracy.tolerance * 1.001
-        assert off == pytest.approx(found.marginal_error, abs=1e-12)
+        assert off == pytest.approx(found.marginal_error, abs=1e-12 if digits < 1e-8 else 1e-6)
 
 
 def test_the_solver_leaves_its_input_alone():
@@ -348,7 +360,7 @@ def test_free_masses_let_a_far_node_starve():
 def test_the_energy_is_the_direct_sum(seed, epsilon, scaled):
     problem = balanced(seed, 40, 6, epsilon, scaled)
     start = epsilon * np.random.default_rng(seed).standard_normal(6)
-    for found in (solve(problem, start, Accuracy()), solve_free(problem, start, Accuracy())):
+    for found in (solve(problem, start, TIGHT), solve_free(problem, start, TIGHT)):
         entries = sparse.coo_array(found.plan)
         pi = entries.data
         paid = pi @ costs(problem)[entries.row, entries.col]
@@ -402,58 +414,151 @@ def test_the_mixer_clips_and_forgets():
 # ------------------------------------------------------------------------------ compiled loops
 
 
-def lists_problem(n=30, m=8):
-    problem = balanced(9, n, m, 0.05, True)
-    f = 0.05 * np.random.default_rng(9).standard_normal(m)
-    weights = 1 / problem.point_scale, 1 / problem.node_scale
-    return problem, (problem.points, problem.nodes, f, *weights)
+def scene(n=300, m=70, epsilon=0.02):
+    """A cloud in boxes, nodes in cells, f, and the exponents (f_i − c_ij)/ε in their orders."""
+    problem = balanced(9, n, m, epsilon, True)
+    f = epsilon * np.random.default_rng(9).standard_normal(m)
+    boxes, sites = problem.boxes(), in_cells(problem.nodes, problem.node_scale, f)
+    dense = ((f - costs(problem)) / epsilon)[boxes.order][:, sites.names]
+    return problem, boxes, sites, dense
 
 
-@pytest.mark.parametrize("plain", [True, False], ids=["python", "compiled"])
-@pytest.mark.parametrize("reach", [0.0, 0.1, 100.0])
-def test_lists_hold_the_nodes_within_reach_of_each_points_best(reach, plain):
-    problem, where = lists_problem()
-    slacks = best_and_slack.py_func if plain else best_and_slack
-    lists = lists_within.py_func if plain else lists_within
-    best, slack = slacks(*where)
-    gap = costs(problem) - where[2]
-    np.testing.assert_allclose(best, gap.min(axis=1), atol=1e-14)
-    np.testing.assert_allclose(slack, (gap - gap.min(axis=1)[:, None]).min(axis=0), atol=1e-14)
-    indptr, indices, values = lists(*where, best, reach)
-    wanted = gap <= gap.min(axis=1)[:, None] + reach + (1e-14 if reach == 0.0 else 0.0)
-    rows = np.repeat(np.arange(30), np.diff(indptr))
-    np.testing.assert_array_equal(np.argwhere(wanted), np.stack([rows, indices], axis=1))
-    np.testing.assert_allclose(values, costs(problem)[rows, indices], atol=1e-14)
+@given(seed=st.integers(0, 1000), n=st.integers(1, 200), size=st.sampled_from([1, 5, 32]))
+@settings(max_examples=30, deadline=None)
+def test_boxes_hold_every_point_once_and_little_else(seed, n, size):
+    points = np.random.default_rng(seed).uniform(0, 1, (n, 3)).round(1)
+    order = box_order(points, size)
+    assert sorted(order.tolist()) == list(range(n))
+    low, high, span = box_bounds(points[order], points[order, 0] + 1, size)
+    assert len(low) == -(-n // size)
+    for b in range(len(low)):
+        mine = points[order[b * size : (b + 1) * size]]
+        np.testing.assert_array_equal(low[b], mine.min(axis=0))
+        np.testing.assert_array_equal(high[b], mine.max(axis=0))
+        np.testing.assert_array_equal(span[b], [mine[:, 0].min() + 1, mine[:, 0].max() + 1])
+
+
+def test_boxes_are_small():
+    points = np.random.default_rng(0).uniform(0, 1, (4096, 3))
+    low, high, _ = box_bounds(points[box_order(points, 32)], np.ones(4096), 32)
+    # 128 boxes of a unit cube: 0.2 wide if they were cubes.
+    assert np.mean(high - low) < 0.25
+
+
+@pytest.mark.parametrize("reach", [0.0, 0.05, 100.0])
+def test_lists_hold_all_nodes_within_reach_of_a_points_best(reach):
+    _, boxes, sites, dense = scene()
+    gap = -0.02 * dense
+    wanted = gap <= gap.min(axis=1)[:, None] + reach
+    indptr, indices, levels = listed(boxes, sites, reach)
+    for b in range(len(indptr) - 1):
+        mine = indices[indptr[b] : indptr[b + 1]]
+        rows = slice(b * BOX, (b + 1) * BOX)
+        assert (np.diff(mine) > 0).all()
+        assert set(np.flatnonzero(wanted[rows].any(axis=0))) <= set(mine.tolist())
+        assert levels[b] >= -gap[rows].min()
 
 
 def test_lists_longer_than_expected_are_whole():
-    _, where = lists_problem(400, 300)
-    best, _ = best_and_slack(*where)
-    for lists in (lists_within, lists_within.py_func):
-        indptr, indices, _ = lists(*where, best, 1e6)
-        np.testing.assert_array_equal(indptr, 300 * np.arange(401))
-        np.testing.assert_array_equal(indices, np.tile(np.arange(300), 400))
+    problem = balanced(9, 500, 450, 0.02, False)
+    sites = in_cells(problem.nodes, problem.node_scale, np.zeros(450))
+    indptr, indices, _ = listed(problem.boxes(), sites, 1e6)
+    np.testing.assert_array_equal(indptr, 450 * np.arange(17))
+    np.testing.assert_array_equal(indices, np.tile(np.arange(450), 16))
 
 
-@pytest.mark.parametrize("plain", [True, False], ids=["python", "compiled"])
-def test_a_pass_is_the_dense_half_steps(plain):
-    problem, where = lists_problem()
-    fill, run, plan = (f.py_func if plain else f for f in (fill_kernel, sinkhorn_pass, fill_plan))
-    best, _ = best_and_slack(*where)
-    indptr, indices, values = lists_within(*where, best, 0.3)
-    kernel, top = fill(indptr, indices, values, where[2], 0.05)
-    dense = sparse.csr_array((kernel, indices, indptr), shape=(30, 8)).toarray()
-    np.testing.assert_allclose(dense.max(axis=1), 1.0)
-    np.testing.assert_allclose(top, -best, atol=1e-14)
-    u = np.random.default_rng(0).uniform(0.5, 2, 8)
-    received, sums = np.empty(8), np.empty(30)
-    run(indptr, indices, kernel, problem.mass, u, received, sums)
+def dense_blocks(blocks, n, m):
+    """The kernel of blocks as (n, m)."""
+    full = np.zeros((n, m))
+    for b in range(len(blocks.starts) - 1):
+        mine = blocks.indices[blocks.indptr[b] : blocks.indptr[b + 1]]
+        rows = slice(b * BOX, min(n, (b + 1) * BOX))
+        block = blocks.kernel[blocks.starts[b] : blocks.starts[b + 1]]
+        # Padding names node 0 with zeros: it must add nothing.
+        np.add.at(full[rows].T, mine, block.reshape(-1, len(mine)).T)
+    return full
+
+
+@pytest.mark.parametrize(("kind", "digits"), [(np.float32, 1e-5), (np.float64, 1e-13)])
+@pytest.mark.parametrize("cut", [1e-2, 1e-6])
+def test_blocks_hold_the_kernel_above_the_cut(cut, kind, digits):
+    _, boxes, sites, dense = scene()
+    blocks = filled(boxes, sites, 0.02, cut, kind)
+    assert blocks.kernel.dtype == kind
+    top = dense.max(axis=1)
+    wanted = np.exp(dense - top[:, None])
+    np.testing.assert_allclose(blocks.top, 0.02 * top, atol=1e-6 if kind is np.float32 else 1e-14)
+    got = dense_blocks(blocks, *dense.shape)
+    clear = np.abs(wanted / cut - 1) > 1e-4
+    np.testing.assert_allclose(got[clear], np.where(wanted >= cut, wanted, 0)[clear], rtol=digits)
+    slack = -0.02 * (dense - top[:, None]).max(axis=0)
+    served = np.isfinite(blocks.slack)
+    np.testing.assert_array_equal(served, got.any(axis=0))
+    np.testing.assert_allclose(blocks.slack[served], slack[served], atol=1e-6)
+    for i in np.flatnonzero(~served):
+        assert slack_of(int(i), boxes, sites, blocks) == pytest.approx(slack[i], abs=1e-6)
+
+
+def test_a_pass_is_the_dense_half_steps():
+    _, boxes, sites, _ = scene()
+    blocks = filled(boxes, sites, 0.02, 1e-9, np.float64)
+    dense = dense_blocks(blocks, 300, 70)
+    u = np.random.default_rng(0).uniform(0.5, 2, 70)
+    received, sums = np.empty(70), np.empty(300)
+    where = blocks.kernel, blocks.starts, blocks.indptr, blocks.indices, BOX
+    sinkhorn_pass(*where, boxes.mass, u, received, sums)
     np.testing.assert_allclose(sums, dense @ u, rtol=1e-12)
-    wanted = dense * u * (problem.mass / (dense @ u))[:, None]
+    wanted = dense * u * (boxes.mass / (dense @ u))[:, None]
     np.testing.assert_allclose(received, wanted.sum(axis=0), rtol=1e-12)
-    data = plan(indptr, indices, kernel, problem.mass, u, sums)
-    filled = sparse.csr_array((data, indices, indptr), shape=(30, 8)).toarray()
-    np.testing.assert_allclose(filled, wanted, rtol=1e-12)
+    plan = plan_of(boxes, sites, blocks, u)
+    assert plan.has_sorted_indices
+    np.testing.assert_allclose(plan.toarray()[boxes.order][:, sites.names], wanted, rtol=1e-12)
+
+
+@pytest.mark.parametrize("transport", [couple, couple_free])
+@pytest.mark.parametrize("accuracy", [TIGHT, Accuracy()], ids=["double", "single"])
+def test_what_a_plan_carries_is_known_without_the_plan(transport, accuracy):
+    problem = balanced(3, 300, 40, 0.02, True)
+    start = 0.02 * np.random.default_rng(3).standard_normal(40)
+    found = transport(problem, start, accuracy)
+    solution = found.solution(problem.epsilon, accuracy)
+    plan = solution.plan.toarray()
+    r = problem.point_scale
+    digits = 1e-12 if accuracy is TIGHT else 1e-5
+    np.testing.assert_allclose(found.carried.received, plan.sum(axis=0), rtol=digits)
+    np.testing.assert_allclose(found.carried.pull, (plan / r[:, None]).sum(axis=0), rtol=digits)
+    places = plan.T @ (problem.points / r[:, None])
+    np.testing.assert_allclose(found.carried.places, places, rtol=10 * digits)
+    np.testing.assert_allclose(found.carried.scale, plan.T @ r, rtol=digits)
+    assert found.energy == pytest.approx(transport_energy(solution), abs=digits)
+
+
+@given(seed=st.integers(0, 10_000))
+@settings(max_examples=20, deadline=None)
+def test_the_order_of_points_and_nodes_does_not_matter(seed):
+    problem = balanced(seed, 150, 40, 0.02, True)
+    rng = np.random.default_rng(seed)
+    p, q = rng.permutation(150), rng.permutation(40)
+    turned = Problem(
+        problem.points[p], problem.mass[p], problem.nodes[q], problem.target[q],
+        problem.epsilon, problem.point_scale[p], problem.node_scale[q],
+    )  # fmt: skip
+    for transport in (cold, lambda one: solve_free(one, np.zeros(40), TIGHT)):
+        assert variation(transport(problem).plan[p][:, q], transport(turned).plan) <= 1e-7
+
+
+def test_the_exponential_is_that_of_the_library():
+    for kind, digits in ((np.float32, 5e-7), (np.float64, 5e-15)):
+        values = np.linspace(-87, 0, 2001).astype(kind)
+        got = np.array([exponential(v, values) for v in values])
+        np.testing.assert_allclose(got, np.exp(values.astype(np.float64)), rtol=digits)
+        plain = [vector_exp.py_func(v, values) for v in values[::50]]
+        np.testing.assert_allclose(plain, np.exp(values[::50].astype(np.float64)), rtol=digits)
+
+
+@njit
+def exponential(value, like):
+    return vector_exp(value, like)
 
 
 @pytest.mark.parametrize("plain", [True, False], ids=["python", "compiled"])
@@ -472,9 +577,9 @@ def test_top_shares_are_the_largest_of_each_row(plain):
         assert not share[len(order) :].any()
 
 
-def test_the_pattern_is_made_again_when_potentials_have_moved_far(monkeypatch):
+def test_the_kernel_is_made_again_when_potentials_have_moved_far(monkeypatch):
     made = []
-    build = sinkhorn.lists_within
-    monkeypatch.setattr(sinkhorn, "lists_within", lambda *args: made.append(1) or build(*args))
+    build = sinkhorn.filled
+    monkeypatch.setattr(sinkhorn, "filled", lambda *args: made.append(1) or build(*args))
     cold(balanced(2, 200, 20, 0.005, False))
     assert len(made) > 1

@@ -173,7 +173,7 @@ def test_the_energy_of_algorithm_2_never_rises(seed, theta, weight, scaled):
     assert len(found.energy) == 9
     assert rises(found.energy) <= 1e-8
     # The last one is the energy of what is returned.
-    last = (1 - weight) * transport_energy(found.solution)
+    last = (1 - weight) * transport_energy(found.written())
     in_radii = sparse.diags_array(1 / made.node_scale)
     bends = sparse.csr_array(in_radii @ bending(tree(7), 7))
     last += weight * bending_energy(bends, found.problem.nodes)
@@ -223,8 +223,8 @@ def test_no_steps_only_solve_the_plan():
     found = optimise(made, np.zeros(7), TIGHT, Descent(max_steps=0))
     alone = solve(made, np.zeros(7), TIGHT)
     np.testing.assert_array_equal(found.problem.nodes, made.nodes)
-    np.testing.assert_array_equal(found.solution.plan.data, alone.plan.data)
-    assert found.solution.passes == alone.passes
+    np.testing.assert_array_equal(found.written().plan.data, alone.plan.data)
+    assert found.coupling.passes == alone.passes
     assert not found.settled
 
 
@@ -233,15 +233,15 @@ def test_the_plan_returned_is_that_of_the_nodes_returned(free):
     made = problem(2)
     found = optimise(made, np.zeros(7), TIGHT, Descent(step=0.3, max_steps=4, free=free))
     transport = solve_free if free else solve
-    again = transport(found.problem, found.solution.node_potentials, TIGHT)
-    np.testing.assert_allclose(again.plan.toarray(), found.solution.plan.toarray(), atol=1e-8)
-    assert found.solution.passes >= len(found.energy)
+    again = transport(found.problem, found.coupling.node_potentials, TIGHT)
+    np.testing.assert_allclose(again.plan.toarray(), found.written().plan.toarray(), atol=1e-8)
+    assert found.coupling.passes >= len(found.energy)
 
 
 def test_the_fixed_point_of_full_steps_is_the_barycentre_of_each_nodes_mass():
     made = problem(3, scaled=False)
     found = optimise(made, np.zeros(7), TIGHT, Descent(step=1.0, max_steps=500, settle=1e-10))
-    plan = found.solution.plan.toarray()
+    plan = found.written().plan.toarray()
     centres = plan.T @ made.points / plan.sum(axis=0)[:, None]
     np.testing.assert_allclose(found.problem.nodes, centres, atol=1e-3)
 

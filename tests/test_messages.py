@@ -416,3 +416,31 @@ def test_a_line_set_holds_nodes_and_edges() -> None:
     lines = skeleton().to_lineset()
     np.testing.assert_array_equal(np.asarray(lines.points), POINTS)
     assert np.asarray(lines.lines).tolist() == [[0, 1], [1, 2], [1, 3]]
+
+
+def test_a_late_plan_is_made_once_when_it_is_asked_for():
+    made = []
+
+    def make() -> sparse.csr_array:
+        made.append(1)
+        return sparse.csr_array(SHARES)
+
+    rest = {k: v for k, v in vars(plan()).items() if k != "plan"}
+    late = TransportPlan.late(make, **rest)
+    again = late.serving(nodes(settled=[True, False, True]))
+    assert (late.summary(), made) == (plan().summary(), [])
+    np.testing.assert_array_equal(again.plan.toarray(), SHARES)
+    assert again.nodes.settled.tolist() == [True, False, True]
+    np.testing.assert_array_equal(late.plan.toarray(), SHARES)
+    assert late.plan is late.plan
+    assert made == [1]
+    assert not late.plan.data.flags.writeable
+    with pytest.raises(AttributeError, match="nothing"):
+        _ = late.nothing
+
+
+def test_a_late_plan_is_checked_like_any_other():
+    rest = {k: v for k, v in vars(plan()).items() if k != "plan"}
+    late = TransportPlan.late(lambda: sparse.csr_array(-SHARES), **rest)
+    with pytest.raises(InputError, match="the plan must not be negative"):
+        _ = late.plan

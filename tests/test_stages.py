@@ -288,7 +288,7 @@ def test_balanced_transport_serves_each_node_with_its_mass(rod: Rod) -> None:
 
 def test_free_transport_gives_nodes_the_mass_that_comes(rod: Rod) -> None:
     nodes = Seed()(rod.cloud).nodes
-    found = Transport(marginals="free", max_steps=2)(rod.cloud, nodes).plan
+    found = Transport(marginals="free", max_steps=2, precision="double")(rod.cloud, nodes).plan
     np.testing.assert_allclose(found.nodes.mass, np.asarray(found.plan.sum(axis=0)).ravel())
     assert not np.allclose(found.nodes.mass, nodes.mass)
 

@@ -14,12 +14,14 @@ from mdcs_pipeline.cli.console import prepare_streams, say
 from mdcs_pipeline.cli.demo import demo
 from mdcs_pipeline.cli.graph import graph
 from mdcs_pipeline.cli.guard import Mode, guarded
+from mdcs_pipeline.cli.info import info
 from mdcs_pipeline.cli.options import options
 from mdcs_pipeline.cli.run import run
 from mdcs_pipeline.cli.schema import schema
 from mdcs_pipeline.cli.stages import stages
 from mdcs_pipeline.cli.stream import stream
 from mdcs_pipeline.cli.validate import validate
+from mdcs_pipeline.cli.view import view
 from mdcs_pipeline.cli.warmup import warmup
 
 
@@ -67,6 +69,8 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
+    epilog="First steps: 'mdcs demo', then 'mdcs run -i scan.ply -o skeleton.json', and 'mdcs view "
+    "scan.ply' to look at it. 'mdcs COMMAND --help' explains a command.",
 )
 
 
@@ -96,5 +100,8 @@ def root(
         raise typer.Exit(2)
 
 
-for command in (run, stream, demo, stages, options, configs, validate, graph, schema, warmup):
+_COMMANDS = (
+    run, stream, demo, view, info, stages, options, configs, validate, graph, schema, warmup,
+)  # fmt: skip
+for command in _COMMANDS:
     app.command()(command)

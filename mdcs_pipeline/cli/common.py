@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from mdcs_pipeline.errors import OutputError, nearest_name
+from mdcs_pipeline.errors import ConfigError, OutputError, nearest_name
 
 if TYPE_CHECKING:
     from mdcs_pipeline.graph import Graph
@@ -37,8 +37,21 @@ def load_graph(config: str, sets: list[str] | None) -> Graph:
     from mdcs_pipeline.config import load_spec, parse_override
     from mdcs_pipeline.graph import build_graph
 
+    _refuse_cloud(config)
     overrides: dict[str, Any] = dict(parse_override(text) for text in sets or ())
     return build_graph(load_spec(config, overrides))
+
+
+def _refuse_cloud(config: str) -> None:
+    """Tell who gave a cloud for the configuration where the cloud goes."""
+    from mdcs_pipeline.io.clouds import CLOUD_SUFFIXES
+
+    if Path(config).suffix.lower() in CLOUD_SUFFIXES:
+        raise ConfigError(
+            "a cloud stands where a configuration was wanted",
+            where=config,
+            remedy=f"mdcs run default -i {config}",
+        )
 
 
 def check_output(path: Path, suffixes: Iterable[str]) -> None:

@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
-NOTICE = "compiling the kernels, once: some 20 s (mdcs warmup does it ahead of time)"
+NOTICE = "compiling the kernels, once: some 30 s (mdcs warmup does it ahead of time)"
 
 
 def kernels_cached(folder: Path | None = None) -> bool:
@@ -29,7 +29,9 @@ def kernels_cached(folder: Path | None = None) -> bool:
 
 
 def _sources(folder: Path) -> list[Path]:
-    return [p for p in folder.glob("*.py") if "@njit" in p.read_text(encoding="utf-8")]
+    texts = {path: path.read_text(encoding="utf-8") for path in folder.glob("*.py")}
+    # What is written into its callers has no cache of its own.
+    return [p for p, t in texts.items() if t.count("@njit") > t.count('inline="always"')]
 
 
 def _indices(folder: Path) -> Iterator[Path]:

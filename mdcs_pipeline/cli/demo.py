@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated
 
@@ -15,10 +16,13 @@ from mdcs_pipeline.errors import MissingExtraError, OutputError
 
 def demo(
     output: Annotated[
-        Path, typer.Option("--output", "-o", help="Folder to write into; made if missing.")
+        Path,
+        typer.Option(
+            "--output", "-o", metavar="FOLDER", help="Folder to write into; made if missing."
+        ),
     ] = Path("mdcs-demo"),
 ) -> None:
-    """Make a cloud of a small animal, and its skeleton as data and as a picture."""
+    """Make a cloud of a small animal, its skeleton and a picture."""
     from mdcs_pipeline.cli.outputs import check_extra
 
     folder = output.expanduser()
@@ -32,6 +36,8 @@ def demo(
     cloud = folder / "cloud.npy"
     write_cloud(cloud)
     run("default", inputs=[str(cloud)], outputs=outputs)
+    if find_spec("viser") is not None:
+        note(f"to turn it about: mdcs view {cloud} {outputs[0]}")
 
 
 def _make_folder(folder: Path) -> None:

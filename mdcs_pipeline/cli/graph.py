@@ -22,12 +22,16 @@ def graph(
     output: Annotated[
         Path | None,
         typer.Option(
-            "--output", "-o", show_default=False, help="File to write: .svg, .png or .mmd."
+            "--output",
+            "-o",
+            metavar="FILE",
+            show_default=False,
+            help="File to write: .svg, .png or .mmd.",
         ),
     ] = None,
     sets: SetOption = None,
 ) -> None:
-    """Draw a configuration; without a file, as Mermaid text on standard output."""
+    """Draw a configuration, or print it as Mermaid text."""
     if output is not None:
         check_output(output, (".svg", ".png", ".mmd"))
     from mdcs_pipeline.graph import draw_graph, mermaid

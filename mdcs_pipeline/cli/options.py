@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Union, get_args, get_
 import typer
 
 from mdcs_pipeline.cli.console import literal, show
+from mdcs_pipeline.errors import ConfigError
 
 if TYPE_CHECKING:
     from pydantic.fields import FieldInfo
@@ -16,14 +17,16 @@ if TYPE_CHECKING:
 def options(
     stage: Annotated[
         str, typer.Argument(metavar="STAGE", show_default=False, help="Name of a stage.")
-    ],
+    ] = "",
 ) -> None:
-    """Explain the settings of a stage: type, default, range and meaning."""
+    """Explain every setting of a stage: type, default, range."""
     from rich.table import Table
 
     from mdcs_pipeline.cli.stages import first_line, ports_of
-    from mdcs_pipeline.stage import stage_class
+    from mdcs_pipeline.stage import stage_class, stage_names
 
+    if not stage:
+        raise ConfigError("name a stage", remedy="one of: " + ", ".join(stage_names()))
     found = stage_class(stage)
     show(literal(f"{stage}: {first_line(found)}"), literal(ports_of(found)), "")
     fields = found.Settings.model_fields

@@ -72,6 +72,8 @@ def plan_outputs(outputs: Iterable[Path], style: str, frames: Frames) -> dict[st
 
 def _file_name(frame: Frame, frames: Frames) -> str:
     (path,) = frame.files.values()
+    if frame.number is not None:
+        return frame.label
     stems = [Path(other.label).stem for other in frames.frames]
     # a.ply and a.pcd in one folder keep their suffixes, or one would overwrite the other.
     return path.stem if stems.count(path.stem) == 1 else path.name

@@ -75,9 +75,8 @@ def show_summary(done: list[Done], sequence: bool) -> None:
 
 def _list_outputs(done: list[Done]) -> None:
     # Outside of the table, which would cut a long path.
-    for item in done:
-        for path in item.outputs:
-            say(f"written     {path}")
+    for path in dict.fromkeys(path for item in done for path in item.outputs):
+        say(f"written     {path}")
 
 
 def _facts(item: Done) -> dict[str, str]:

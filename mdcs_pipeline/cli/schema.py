@@ -15,10 +15,15 @@ from mdcs_pipeline.cli.console import say
 def schema(
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", show_default=False, help="File to write: .json."),
+        typer.Option(
+            "--output", "-o", metavar="FILE", show_default=False, help="File to write: .json."
+        ),
     ] = None,
 ) -> None:
-    """Print the JSON Schema of configurations, stages of other packages included."""
+    """Print the JSON Schema of configurations, for editors.
+
+    Stages of other packages are in it.
+    """
     if output is not None:
         check_output(output, (".json",))
     from mdcs_pipeline.schema import json_schema

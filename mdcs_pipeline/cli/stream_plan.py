@@ -7,10 +7,8 @@ import sys
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from importlib import import_module
-from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 from mdcs_pipeline.cli.common import check_folder, check_output
 from mdcs_pipeline.cli.outputs import check_extra
@@ -60,12 +58,9 @@ def open_source(
 
 
 def _bag(path: Path, topic: str | None, poses: str | None) -> Source | None:
-    name = "mdcs_pipeline.io.bags"
-    if find_spec(name) is None:
-        return None
-    bags: Any = import_module(name)
-    source: Source | None = bags.BagFrames(path, topic, poses=poses) if bags.is_bag(path) else None
-    return source
+    from mdcs_pipeline.io.bags import BagFrames, is_bag
+
+    return BagFrames(path, topic, poses=poses) if is_bag(path) else None
 
 
 @dataclass(frozen=True)

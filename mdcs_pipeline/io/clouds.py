@@ -57,8 +57,9 @@ def read_points(path: str | Path) -> FloatArray:
     ----------
     path : str or Path
         ``.ply`` (also of a mesh: its vertices), ``.pcd``, ``.xyz``, ``.xyzn`` and ``.pts``
-        are read by Open3D; ``.npy`` and ``.npz`` by numpy. An ``.npz`` needs an array
-        ``points`` or ``positions``, or one (N, 3) array alone.
+        are read by Open3D; ``.npy``, ``.npz`` and a binary ``.ply`` that begins with its
+        vertices by numpy. An ``.npz`` needs an array ``points`` or ``positions``, or one
+        (N, 3) array alone.
 
     Returns
     -------
@@ -85,6 +86,9 @@ def read_points(path: str | Path) -> FloatArray:
         checked = _CHECKS[suffix](path) if suffix in _CHECKS else None
         if checked is not None and not checked.points:
             raise _empty(path)
+        if checked is not None and checked.sure and checked.coordinates is not None:
+            # Open3D takes half a second to import.
+            return checked.coordinates
         points = _read_numpy(path) if checked is None else _read_open3d(path, suffix)
     except OSError as error:
         raise _unreadable(path, error) from error
@@ -237,7 +241,8 @@ def _pick_array(archive: Any) -> tuple[str, Any]:
     return fitting[0], arrays[fitting[0]]
 
 
-def _natural_key(path: Path) -> tuple[list[str | int], str]:
+def natural_key(path: Path) -> tuple[list[str | int], str]:
+    """Return what sorts files so that ``frame_2`` stands before ``frame_10``."""
     parts = re.split("([0-9]+)", path.name.lower())
     return [int(part) if i % 2 else part for i, part in enumerate(parts)], path.name
 
@@ -279,4 +284,4 @@ def frame_files(folder: str | Path) -> list[Path]:
             received=f"{len(present)} other files",
             remedy="known suffixes: " + ", ".join(CLOUD_SUFFIXES),
         )
-    return sorted(files, key=_natural_key)
+    return sorted(files, key=natural_key)

@@ -6,6 +6,7 @@ import sys
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mdcs_pipeline.arrays import FloatArray, IntArray
 from mdcs_pipeline.errors import MissingExtraError
@@ -72,8 +73,10 @@ def points_of(cloud: object) -> FloatArray | None:
     Returns
     -------
     (N, 3) array or None
-        float64 for a legacy cloud, the type of the tensor otherwise. A view of the
-        cloud's own memory, save for tensors on another device than the CPU.
+        Of a tensor cloud, a view of its own memory, which keeps that memory alive; copied
+        only from another device than the CPU. Of a legacy cloud, a float64 copy: numpy's
+        view does not keep the vector that it looks into (Open3D 0.20), and shows freed
+        memory once the cloud is given other points.
     """
     open3d: Any = sys.modules.get("open3d")
     if open3d is None:
@@ -81,7 +84,7 @@ def points_of(cloud: object) -> FloatArray | None:
     # A module of that name that is half imported, or is another, has no geometry.
     legacy = getattr(getattr(open3d, "geometry", None), "PointCloud", None)
     if legacy is not None and isinstance(cloud, legacy):
-        return np.asarray(cloud.points)
+        return np.array(cloud.points)
     tensors = getattr(getattr(open3d, "t", None), "geometry", None)
     tensor = getattr(tensors, "PointCloud", None)
     if tensor is not None and isinstance(cloud, tensor):
@@ -116,3 +119,63 @@ def line_set(nodes: FloatArray, edges: IntArray) -> Any:
     lines.points = open3d.utility.Vector3dVector(np.array(nodes, dtype=np.float64))
     lines.lines = open3d.utility.Vector2iVector(np.array(edges, dtype=np.int32))
     return lines
+
+
+def tensor_line_set(nodes: FloatArray, edges: IntArray, **values: FloatArray) -> Any:
+    """Return an `open3d.t.geometry.LineSet` on the CPU.
+
+    Parameters
+    ----------
+    nodes : (K, 3) float
+    edges : (E, 2) int
+    **values : (K,) float
+        Further attributes of the nodes by name; as (K, 1) float64 in the line set.
+
+    Returns
+    -------
+    open3d.t.geometry.LineSet
+
+    Raises
+    ------
+    MissingExtraError
+        If Open3D cannot be imported.
+    """
+    open3d = import_open3d()
+    lines = open3d.t.geometry.LineSet()
+    lines.point.positions = _tensor(nodes)
+    lines.line.indices = _tensor(edges)
+    for name, value in values.items():
+        lines.point[name] = _tensor(value[:, None])
+    return lines
+
+
+def cloud_of(points: FloatArray, tensor: bool = False) -> Any:
+    """Return points as an Open3D cloud.
+
+    Parameters
+    ----------
+    points : (N, 3) float
+    tensor : bool
+        For `open3d.t.geometry.PointCloud`, which keeps float32; otherwise
+        `open3d.geometry.PointCloud`, which holds float64.
+
+    Returns
+    -------
+    open3d.geometry.PointCloud or open3d.t.geometry.PointCloud
+
+    Raises
+    ------
+    MissingExtraError
+        If Open3D cannot be imported.
+    """
+    open3d = import_open3d()
+    if tensor:
+        cloud = open3d.t.geometry.PointCloud()
+        cloud.point.positions = _tensor(points)
+        return cloud
+    return open3d.geometry.PointCloud(open3d.utility.Vector3dVector(np.array(points, np.float64)))
+
+
+def _tensor(values: NDArray[Any]) -> Any:
+    # A copy: Open3D writes through to an array that numpy has as read-only.
+    return import_open3d().core.Tensor.from_numpy(np.array(values, order="C"))

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mdcs_pipeline.errors import InputError
+from mdcs_pipeline.io.interchange import INTERCHANGE, read_interchange
 from mdcs_pipeline.io.plain import json_text
 
 if TYPE_CHECKING:
@@ -90,7 +91,8 @@ def load_skeleton(path: str | Path) -> dict[str, Any]:
     Parameters
     ----------
     path : str or Path
-        A ``.json`` or ``.npz`` file that `Skeleton.save` wrote.
+        A file that `Skeleton.save` wrote: ``.json`` or ``.npz`` for all of a skeleton;
+        ``.ply``, ``.graphml`` and ``.swc`` for what they hold of it, see `read_interchange`.
 
     Returns
     -------
@@ -105,15 +107,18 @@ def load_skeleton(path: str | Path) -> dict[str, Any]:
         If there is no such file, or it is no skeleton, damaged, or of a later format.
     """
     path = Path(path).expanduser()
+    suffix = path.suffix.lower()
     readers = {".json": _read_json, ".npz": _read_npz}
-    reader = readers.get(path.suffix.lower())
-    if reader is None:
+    reader = readers.get(suffix)
+    if reader is None and suffix not in INTERCHANGE:
         raise InputError(
             f"skeletons are not read back from '{path.suffix}'",
             where=str(path),
-            remedy="known suffixes: " + ", ".join(readers),
+            remedy="known suffixes: " + ", ".join([*readers, *INTERCHANGE]),
         )
     try:
+        if reader is None:
+            return read_interchange(path)
         content = reader(path)
         _check_format(content)
         return {name: _entry(content, name) for name in (*_ARRAYS, _OPTIONAL, *_MAPPINGS)} | {

@@ -28,11 +28,14 @@ class Checked(NamedTuple):
     points : int
         How many.
     coordinates : (points, 3) float64, optional
-        As the rows of a text file give them; None for binary files.
+        As the file's rows give them; None for binary files but the plainest.
+    sure : bool
+        Whether they need not be read again by Open3D.
     """
 
     points: int
     coordinates: NDArray[np.float64] | None = None
+    sure: bool = False
 
 
 def quote(line: bytes) -> str:

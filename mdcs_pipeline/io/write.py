@@ -64,22 +64,43 @@ def write_skeleton(
         If the format needs the extra ``draw``.
     """
     path = Path(path).expanduser()
-    encode = _ENCODERS.get(path.suffix.lower())
-    if encode is None:
-        raise OutputError(
-            f"no skeleton format has the suffix '{path.suffix}'",
-            where=str(path),
-            remedy="known suffixes: " + ", ".join(SKELETON_SUFFIXES),
-        )
     try:
-        _check_place(path)
-        write_atomically(path, encode(skeleton, cloud, settings))
+        if path.suffix.lower() in _ENCODERS:
+            _check_place(path)
+        write_atomically(
+            path, skeleton_bytes(skeleton, path.suffix, cloud=cloud, settings=settings)
+        )
     except OutputError as error:
         raise error.located(str(path)) from error
     except OSError as error:
         raise OutputError(
             "the file cannot be written", where=str(path), received=str(error)
         ) from error
+
+
+def skeleton_bytes(
+    skeleton: Skeleton,
+    suffix: str,
+    *,
+    cloud: FloatArray | None = None,
+    settings: Mapping[str, Any] | None = None,
+) -> bytes:
+    """Return what `write_skeleton` writes into a file of that suffix.
+
+    Raises
+    ------
+    OutputError
+        If the suffix is unknown or the format cannot hold the skeleton.
+    MissingExtraError
+        If the format needs the extra ``draw``.
+    """
+    encode = _ENCODERS.get(suffix.lower())
+    if encode is None:
+        raise OutputError(
+            f"no skeleton format has the suffix '{suffix}'",
+            remedy="known suffixes: " + ", ".join(SKELETON_SUFFIXES),
+        )
+    return encode(skeleton, cloud, settings)
 
 
 def _check_place(path: Path) -> None:

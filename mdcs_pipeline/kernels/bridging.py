@@ -1,9 +1,4 @@
-"""Bridges over holes: ends of a skeleton where the shape was cut open, not where it ends.
-
-A limb that ends is capped: beyond its last node the surface closes in on the axis. A limb cut
-by a hole is an open pipe: up to its rim the surface keeps its distance from the axis. Open
-ends that face each other belong together.
-"""
+"""Bridges over holes: cut ends are joined to each other, or to the rim that they face."""
 
 from __future__ import annotations
 
@@ -12,37 +7,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mdcs_pipeline.kernels.cycles import neighbour_sets
+from mdcs_pipeline.kernels.ends import End
 from mdcs_pipeline.kernels.spanning import piece_labels
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
-
-
-class End(NamedTuple):
-    """A leaf of a skeleton.
-
-    Parameters
-    ----------
-    node : int
-    place : (3,) float64
-    outward : (3,) float64
-        Unit vector along the limb, away from it.
-    radius : float
-        Median distance of the limb's last points from its axis.
-    openness : float
-        Median distance of the outermost points from the axis, in that radius: about 1 at the
-        rim of an open pipe, less where the limb closes.
-    extent : float
-        How far beyond the node its limb's points reach.
-    """
-
-    node: int
-    place: FloatArray
-    outward: FloatArray
-    radius: float
-    openness: float
-    extent: float
+BoolArray = NDArray[np.bool_]
 
 
 class BridgeRule(NamedTuple):
@@ -57,144 +27,167 @@ class BridgeRule(NamedTuple):
     facing : float
         Least cosine between an end's direction and the bridge, for two open ends.
     aim : float
-        The same for an open end that meets a node of another piece.
+        The same for an open end that meets a rim of another piece.
+    aim_within : float
+        The same for a rim of its own piece: it closes a loop.
     ratio : float
         Largest ratio of the two ends' radii.
+    crowd : float
+        A bridge that has more points than this around it, in those of its end, leads through
+        the surface. One that is pierced brings about 0.08.
     """
 
-    openness: float = 0.6
-    reach: float = 9.0
-    facing: float = 0.5
-    aim: float = 0.75
-    ratio: float = 2.5
+    openness: float = 0.2
+    reach: float = 10.0
+    facing: float = 0.25
+    aim: float = 0.5
+    aim_within: float = 0.75
+    ratio: float = 3.0
+    crowd: float = 0.03
 
 
-def _limb(near: list[set[int]], leaf: int, nodes: FloatArray, length: float) -> list[int]:
-    """Return the nodes of the chain behind a leaf, up to a junction or `length`."""
-    chain = [leaf, *near[leaf]]
-    while len(near[chain[-1]]) == 2 and np.linalg.norm(nodes[chain[-1]] - nodes[leaf]) < length:
-        (following,) = near[chain[-1]] - {chain[-2]}
-        chain.append(following)
-    return chain
-
-
-def open_ends(
-    nodes: FloatArray, scale: FloatArray, pairs: IntArray, points: FloatArray, owner: IntArray
-) -> list[End]:
-    """Return the leaves of a graph with their direction, radius and openness.
+class Shore(NamedTuple):
+    """The cloud around the ends.
 
     Parameters
     ----------
     nodes : (m, 3) float64
     scale : (m,) float64
         Local radius.
-    pairs : (E, 2) int64
     points : (n, 3) float64
     owner : (n,) int64
         Node of each point.
-
-    Returns
-    -------
-    list of End
+    rim : (n,) bool
+        Points on a rim.
     """
-    near = neighbour_sets(len(nodes), pairs)
-    ends = []
-    for leaf in np.flatnonzero([len(partners) == 1 for partners in near]).tolist():
-        chain = _limb(near, leaf, nodes, 2.0 * float(scale[leaf]))
-        outward = nodes[leaf] - nodes[chain[-1]]
-        length = float(np.linalg.norm(outward))
-        mine = points[np.isin(owner, chain[:2])] - nodes[leaf]
-        if length == 0.0 or len(mine) < 4:
-            continue
-        outward = outward / length
-        along = mine @ outward
-        across = np.linalg.norm(mine - along[:, None] * outward, axis=1)
-        radius = float(np.median(across))
-        extent = float(np.quantile(along, 0.97))
-        rim = along > extent - 0.5 * radius
-        openness = float(np.median(across[rim])) / max(radius, np.finfo(float).tiny)
-        ends.append(End(leaf, nodes[leaf], outward, radius, openness, extent))
-    return ends
+
+    nodes: FloatArray
+    scale: FloatArray
+    points: FloatArray
+    owner: IntArray
+    rim: BoolArray
+
+    def pierced(self, end: End, goal: FloatArray, crowd: float) -> bool:
+        """Return whether the way from an end to `goal` leads through the surface.
+
+        Both lie inside the shape. Only through holes does a straight way lead from one to the
+        other without points around it.
+        """
+        way = goal - end.place
+        length = float(np.linalg.norm(way))
+        offset = self.points - end.place
+        along = offset @ way / length
+        between = (along > 0) & (along < length)
+        across = np.linalg.norm(offset[between] - np.outer(along[between] / length, way), axis=1)
+        near = np.count_nonzero(across < 0.5 * end.radius)
+        return bool(near > crowd * np.count_nonzero(self.owner == end.node))
 
 
-def bridges(nodes: FloatArray, pairs: IntArray, ends: list[End], rule: BridgeRule) -> IntArray:
+def bridges(pairs: IntArray, ends: list[End], shore: Shore, rule: BridgeRule) -> IntArray:
     """Return edges that join open ends to each other, or to what they aim at.
 
-    Two open ends are joined when each lies ahead of the other, shortest bridges first, each
-    end once. An open end that is left over is joined to the nearest node ahead of it that
-    belongs to another piece: where a limb was cut off at its root.
+    Two open ends are joined when each lies ahead of the other, best first, each end once. One
+    that is left over is joined to an end that it faces, taken or not: where a junction of
+    three limbs is missing; or to a node of another piece whose rim faces it: where a limb was
+    cut off at its root. Bridges that cross are tied together: where a crossing is missing.
 
     Parameters
     ----------
-    nodes : (m, 3) float64
     pairs : (E, 2) int64
     ends : list of End
+    shore : Shore
     rule : BridgeRule
 
     Returns
     -------
     (B, 2) int64
     """
-    free = {end.node: end for end in ends if end.openness >= rule.openness}
+    opened = [end for end in ends if end.openness >= rule.openness]
     built: list[tuple[int, int]] = []
-    for _, a, b in sorted(_facing(list(free.values()), rule)):
-        if a in free and b in free:
-            del free[a], free[b]
+    # A slice of a pipe is open at both sides.
+    free = {end.node: 1 if end.outward.any() else 2 for end in opened}
+    for _, a, b in sorted(_facing(opened, shore, rule)):
+        if free[a] > 0 and free[b] > 0:
+            free[a] -= 1
+            free[b] -= 1
             built.append((a, b))
-    for end in free.values():
-        piece = piece_labels(len(nodes), np.concatenate([pairs, _as_pairs(built)]))
-        ahead = _ahead(end, nodes, piece != piece[end.node], rule)
-        if ahead is not None:
-            built.append((end.node, ahead))
-    return _as_pairs(built)
+    for end in opened:
+        if free[end.node] > 0 and not any(end.node in pair for pair in built):
+            joined = np.concatenate([pairs, _as_pairs(built)])
+            ahead = _ahead(end, opened, shore, piece_labels(len(shore.nodes), joined), rule)
+            if ahead is not None:
+                built.append((end.node, ahead))
+    radius = {end.node: end.radius for end in opened}
+    return _as_pairs(built + _ties(built, shore.nodes, radius))
 
 
 def _as_pairs(built: list[tuple[int, int]]) -> IntArray:
     return np.sort(np.array(built, dtype=np.int64).reshape(-1, 2), axis=1)
 
 
-def _facing(ends: list[End], rule: BridgeRule) -> list[tuple[float, int, int]]:
+def _cosine(end: End, goal: FloatArray) -> float:
+    """Return how straight ahead of an end `goal` lies; an end without direction looks anywhere."""
+    gap = goal - end.place
+    length = float(np.linalg.norm(gap))
+    if length == 0.0 or not end.outward.any():
+        return 0.7
+    straight = float(end.outward @ gap) / length
+    return max(straight, float(end.rimward @ gap) / length) if straight > -0.2 else straight
+
+
+def _facing(ends: list[End], shore: Shore, rule: BridgeRule) -> list[tuple[float, int, int]]:
     """Return (length in radii over alignment, node, node) of the ends that face each other."""
     found = []
     for k, a in enumerate(ends):
         for b in ends[k + 1 :]:
-            gap = b.place - a.place
-            length = float(np.linalg.norm(gap))
+            length = float(np.linalg.norm(b.place - a.place))
             large, small = max(a.radius, b.radius), min(a.radius, b.radius)
             if length == 0.0 or length > rule.reach * large or large > rule.ratio * small:
                 continue
-            ahead = float(a.outward @ gap) / length, -float(b.outward @ gap) / length
-            if min(ahead) >= rule.facing:
-                found.append((length / large / (ahead[0] + ahead[1]), a.node, b.node))
+            ahead = _cosine(a, b.place), _cosine(b, a.place)
+            if min(ahead) < rule.facing or shore.pierced(a, b.place, rule.crowd):
+                continue
+            found.append((length / large / sum(ahead), a.node, b.node))
     return found
 
 
-def _ahead(end: End, nodes: FloatArray, allowed: NDArray[np.bool_], rule: BridgeRule) -> int | None:
-    gap = nodes - end.place
-    length = np.maximum(np.linalg.norm(gap, axis=1), np.finfo(float).tiny)
-    cosine = gap @ end.outward / length
-    fits = allowed & (cosine >= rule.aim) & (length <= rule.reach * end.radius)
-    if not fits.any():
-        return None
-    return int(np.argmin(np.where(fits, length / np.where(fits, cosine, 1.0), np.inf)))
+def _ahead(
+    end: End, opened: list[End], shore: Shore, piece: IntArray, rule: BridgeRule
+) -> int | None:
+    """Return the node that a left-over end is joined to, if any."""
+    best, goal = np.inf, None
+    ends = {other.node: other for other in opened}
+    length = np.linalg.norm(shore.nodes - end.place, axis=1)
+    # The rim of something thick is nearer than its axis.
+    near = (length - shore.scale <= rule.reach * end.radius) & (length > 0)
+    for node in np.flatnonzero(near).tolist():
+        cosine = _cosine(end, shore.nodes[node])
+        if cosine < rule.aim or length[node] / cosine >= best:
+            continue
+        faces = node in ends and _cosine(ends[node], end.place) >= rule.facing
+        straight = float(end.outward @ (shore.nodes[node] - end.place)) / length[node]
+        apart = piece[node] != piece[end.node] or straight >= rule.aim_within
+        if (faces or apart) and not shore.pierced(end, shore.nodes[node], rule.crowd):
+            best, goal = length[node] / cosine, node
+    return goal
 
 
-def stretched(nodes: FloatArray, ends: list[End]) -> FloatArray:
-    """Return the nodes with each end moved out to the centre of its limb's round tip.
-
-    A node at the end of a limb carries the limb's last stretch, and stands in the middle of
-    it. The medial axis goes on, to one radius before the tip.
-
-    Parameters
-    ----------
-    nodes : (m, 3) float64
-    ends : list of End
-
-    Returns
-    -------
-    (m, 3) float64
-    """
-    moved = nodes.copy()
-    for end in ends:
-        moved[end.node] += max(0.0, end.extent - end.radius) * end.outward
-    return moved
+def _ties(
+    built: list[tuple[int, int]], nodes: FloatArray, radius: dict[int, float]
+) -> list[tuple[int, int]]:
+    """Return an edge between the nearest ends of each two bridges that cross."""
+    ties = []
+    steps = np.linspace(0.0, 1.0, 17)[:, None]
+    for k, (a, b) in enumerate(built):
+        for c, d in built[k + 1 :]:
+            if {a, b} & {c, d}:
+                continue
+            one = nodes[a] + steps * (nodes[b] - nodes[a])
+            other = nodes[c] + steps * (nodes[d] - nodes[c])
+            apart = np.linalg.norm(one[:, None] - other[None], axis=2).min()
+            if apart < min(radius[a], radius[c]):
+                options = [(a, c), (a, d), (b, c), (b, d)]
+                ties.append(
+                    min(options, key=lambda e: float(np.linalg.norm(nodes[e[0]] - nodes[e[1]])))
+                )
+    return ties

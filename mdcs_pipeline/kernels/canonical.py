@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from mdcs_pipeline.kernels.compiled.moments import covariance_about, mean_offset, third_moments
 
 FloatArray = NDArray[np.float64]
 
@@ -43,19 +45,30 @@ def canonical_frame(points: NDArray[np.floating], weights: FloatArray | None) ->
     CanonicalFrame
         The length is 0 when all points coincide.
     """
-    share = np.full(len(points), 1.0 / len(points)) if weights is None else weights / weights.sum()
+    return framed(points, weights)[0]
+
+
+def framed(
+    points: NDArray[np.floating[Any]], weights: FloatArray | None
+) -> tuple[CanonicalFrame, float]:
+    """Return `canonical_frame` and the size of the largest coordinate.
+
+    The cloud is read in passes and never copied.
+    """
+    share = np.empty(0) if weights is None else weights
     # Two steps: a single mean of coordinates around 1e6 would lose what the rotation needs.
     origin = points[0].astype(np.float64)
-    local = points - origin
-    offset = share @ local
-    local = local - offset
-    covariance = (local * share[:, None]).T @ local
+    offset, largest = mean_offset(points, share)
+    covariance = covariance_about(points, share, offset)
+    if not np.isfinite(covariance).all():
+        # Too large to square; the second value says how large.
+        return CanonicalFrame(origin, np.eye(3), np.inf), largest
     values, vectors = np.linalg.eigh(covariance)
-    axes = vectors.T[::-1]
+    axes = np.ascontiguousarray(vectors.T[::-1])
     spread = np.sqrt(max(float(values.max()), np.finfo(float).tiny))
-    skew = share @ ((local @ axes.T) / spread) ** 3
+    skew = third_moments(points, share, offset, axes, spread)
     axes = axes * np.where(skew < 0, -1.0, 1.0)[:, None]
     if np.linalg.det(axes) < 0:
         axes[np.argmin(np.abs(skew))] *= -1.0
     length = float(np.sqrt(12.0 * max(float(np.trace(covariance)), 0.0)))
-    return CanonicalFrame(origin + offset, axes, length)
+    return CanonicalFrame(origin + offset, axes, length), largest

@@ -137,12 +137,12 @@ def close_pairs(
     relative = length / scale[near].min(axis=1)
     if widths is not None:
         relative /= widths[near].max(axis=1)
-    free = np.ones(len(nodes), dtype=bool)
+    close = relative < spacing
+    near, relative = near[close], relative[close]
+    order = np.lexsort((near[:, 1], near[:, 0], relative))
+    free = [True] * len(nodes)
     chosen = []
-    for k in np.lexsort((near[:, 1], near[:, 0], relative)):
-        i, j = near[k]
-        if relative[k] >= spacing:
-            break
+    for i, j in near[order].tolist():
         if free[i] and free[j]:
             free[i] = free[j] = False
             chosen.append((i, j))

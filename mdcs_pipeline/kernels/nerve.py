@@ -42,12 +42,14 @@ def filled_triangles(top: IntArray, shares: FloatArray, floor: float, points: in
     found = np.sort(np.concatenate(triples), axis=1) if triples else np.empty((0, 3), np.int64)
     if not len(found):
         return np.empty((0, 3), np.int64)
-    # Sorting whole numbers is some twenty times faster than sorting rows.
+    # One number a triple sorts many times faster than rows do.
     base = int(found.max()) + 1
-    codes = (found[:, 0] * base + found[:, 1]) * base + found[:, 2]
-    unique, counts = np.unique(codes, return_counts=True)
+    if base >= 1 << 20:
+        raise OverflowError(f"{base} nodes are more than triples of them can be numbered for")
+    named = (found[:, 0] * base + found[:, 1]) * base + found[:, 2]
+    unique, counts = np.unique(named, return_counts=True)
     kept = unique[counts >= points]
-    return np.stack([kept // base**2, kept // base % base, kept % base], axis=1)
+    return np.stack([kept // (base * base), kept // base % base, kept % base], axis=1)
 
 
 def open_triangles(nodes: FloatArray, pairs: IntArray, triangles: IntArray) -> IntArray:
@@ -66,15 +68,18 @@ def open_triangles(nodes: FloatArray, pairs: IntArray, triangles: IntArray) -> I
     -------
     (E', 2) int64
     """
-    alive = {(i, j) for i, j in pairs.tolist()}
+    alive = set(map(tuple, pairs.tolist()))
+    if not len(triangles):
+        return np.array(sorted(alive), dtype=np.int64).reshape(-1, 2)
     sides = triangles[:, [[0, 1], [0, 2], [1, 2]]]
-    length = np.linalg.norm(nodes[sides[:, :, 0]] - nodes[sides[:, :, 1]], axis=2).tolist()
-    longest = [
-        max(zip(lengths, map(tuple, edges), strict=True))
-        for lengths, edges in zip(length, sides.tolist(), strict=True)
-    ]
-    order = sorted(zip(longest, map(tuple, triangles.tolist()), strict=True), reverse=True)
-    for (_, edge), (a, b, c) in order:
-        if {(a, b), (a, c), (b, c)} <= alive:
-            alive.discard(edge)
+    length = np.linalg.norm(nodes[sides[:, :, 0]] - nodes[sides[:, :, 1]], axis=2)
+    # The longest side; of equal ones the last by its nodes, and so with equal triangles.
+    named = sides[:, :, 0] * len(nodes) + sides[:, :, 1]
+    last = np.where(length == length.max(axis=1)[:, None], named, -1).argmax(axis=1)
+    rows = np.arange(len(triangles))
+    order = np.lexsort((*triangles.T[::-1], named[rows, last], length[rows, last]))[::-1]
+    for corners, side in zip(sides[order].tolist(), last[order].tolist(), strict=True):
+        edges = [tuple(edge) for edge in corners]
+        if alive.issuperset(edges):
+            alive.discard(edges[side])
     return np.array(sorted(alive), dtype=np.int64).reshape(-1, 2)

@@ -8,9 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from mdcs_pipeline.kernels.energy import bending_energy, transport_energy
-from mdcs_pipeline.kernels.sinkhorn import Accuracy, Problem, Solution, solve, solve_free
-from mdcs_pipeline.kernels.update import bending, pull, relaxed_step
+from mdcs_pipeline.kernels.energy import bending_energy
+from mdcs_pipeline.kernels.sinkhorn import (
+    Accuracy,
+    Coupling,
+    Problem,
+    Solution,
+    couple,
+    couple_free,
+)
+from mdcs_pipeline.kernels.update import Pull, bending, pull, relaxed_step
 
 FloatArray = NDArray[np.float64]
 
@@ -49,8 +56,10 @@ class Optimised(NamedTuple):
     ----------
     problem : Problem
         With the final nodes.
-    solution : Solution
-        The plan for them; its passes and entries are those of all steps.
+    coupling : Coupling
+        The plan for them; its passes are those of all steps.
+    accuracy : Accuracy
+        To which it was solved.
     energy : tuple of float
         The objective after each step, the first before any.
     settled : bool
@@ -58,9 +67,14 @@ class Optimised(NamedTuple):
     """
 
     problem: Problem
-    solution: Solution
+    coupling: Coupling
+    accuracy: Accuracy
     energy: tuple[float, ...]
     settled: bool
+
+    def written(self) -> Solution:
+        """Return the solution with its plan, which is written out anew at every call."""
+        return self.coupling.solution(self.problem.epsilon, self.accuracy)
 
 
 def optimise(
@@ -90,7 +104,7 @@ def optimise(
     -------
     Optimised
     """
-    transport = solve_free if descent.free else solve
+    transport = couple_free if descent.free else couple
     smoothing = None
     if edges is not None and descent.smoothing > 0:
         # Costs are in local radii: so must bends be, or thick parts would hardly be smoothed.
@@ -98,31 +112,40 @@ def optimise(
         smoothing = sparse.csr_array(in_radii @ bending(edges, len(problem.nodes)))
         if fixed is not None and fixed.any():
             smoothing = sparse.csr_array(sparse.diags_array((~fixed).astype(float)) @ smoothing)
-    scales = problem.point_scale, problem.node_scale
-    solution = transport(problem, potentials, accuracy)
-    energy = [_objective(solution, problem, smoothing, descent.smoothing)]
-    passes, entries, settled = solution.passes, solution.entries, False
+    boxes = problem.boxes()
+    found = transport(problem, potentials, accuracy, boxes)
+    energy = [_objective(found, problem, smoothing, descent.smoothing)]
+    passes, entries, settled = found.passes, found.entries, False
     for _ in range(descent.max_steps):
-        pulled = pull(solution.plan, problem.points, problem.nodes, descent.power, scales)
+        pulled = _pulled(found, problem, accuracy, descent.power)
         moved = relaxed_step(problem.nodes, pulled, smoothing, descent.smoothing, descent.step)
         if fixed is not None:
             moved[fixed] = problem.nodes[fixed]
         problem = problem._replace(nodes=moved)
-        solution = transport(problem, solution.node_potentials, accuracy)
-        passes += solution.passes
-        entries += solution.entries
-        energy.append(_objective(solution, problem, smoothing, descent.smoothing))
+        found = transport(problem, found.node_potentials, accuracy, boxes)
+        passes += found.passes
+        entries += found.entries
+        energy.append(_objective(found, problem, smoothing, descent.smoothing))
         if energy[-2] - energy[-1] < descent.settle * problem.epsilon:
             settled = True
             break
-    solution = solution._replace(passes=passes, entries=entries)
-    return Optimised(problem, solution, tuple(energy), settled)
+    found = found._replace(passes=passes, entries=entries)
+    return Optimised(problem, found, accuracy, tuple(energy), settled)
+
+
+def _pulled(found: Coupling, problem: Problem, accuracy: Accuracy, power: int) -> Pull:
+    if power == 2:
+        carried, scale = found.carried, problem.node_scale
+        return Pull(carried.pull / scale, carried.places / scale[:, None])
+    # Its weights hold distances: they are read off the plan.
+    plan = found.solution(problem.epsilon, accuracy).plan
+    scales = problem.point_scale, problem.node_scale
+    return pull(plan, problem.points, problem.nodes, power, scales)
 
 
 def _objective(
-    solution: Solution, problem: Problem, smoothing: sparse.csr_array | None, weight: float
+    found: Coupling, problem: Problem, smoothing: sparse.csr_array | None, weight: float
 ) -> float:
-    transport = transport_energy(solution)
     if smoothing is None:
-        return transport
-    return (1.0 - weight) * transport + weight * bending_energy(smoothing, problem.nodes)
+        return found.energy
+    return (1.0 - weight) * found.energy + weight * bending_energy(smoothing, problem.nodes)

@@ -15,6 +15,7 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
 from mdcs_pipeline.kernels.cycles import short_cycles
+from mdcs_pipeline.kernels.links import unique_pairs
 
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
@@ -115,3 +116,41 @@ def false_loops(
         if np.mean(around) >= majority:
             false.append(cycle)
     return false
+
+
+def contracted(
+    count: int,
+    pairs: IntArray,
+    graph: sparse.csr_array,
+    owner: IntArray,
+    hops: int,
+    overlap: float,
+    majority: float,
+) -> IntArray:
+    """Return which node each node becomes when false loops shrink to one node, shortest first.
+
+    A filled loop is a disc, and a disc shrinks to a point: pieces and true loops survive.
+
+    Parameters
+    ----------
+    count : int
+    pairs : (E, 2) int64
+    graph : csr_array, (n, n)
+    owner : (n,) int64
+    hops : int
+    overlap : float
+    majority : float
+
+    Returns
+    -------
+    (count,) int64
+        The smallest index of the nodes that became one.
+    """
+    into = np.arange(count)
+    while True:
+        rings = Rings(graph, into[owner], hops)
+        loops = false_loops(count, unique_pairs(into[pairs]), rings, overlap, majority)
+        if not loops:
+            return into
+        loop = min(loops, key=len)
+        into[np.isin(into, loop)] = min(loop)

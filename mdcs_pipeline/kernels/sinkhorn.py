@@ -1,30 +1,44 @@
 """Entropic optimal transport between a cloud and a few nodes (section IV.E, Eq. 9-11).
 
-The plan is π_ij = exp((f_i + g_j − d_ij²)/ε). The kernel is local, so that entries below
+The plan is π_ij = exp((f_i + g_j − c_ij)/ε). The kernel is local, so that entries below
 `cut` of a point's largest are left out; which ones those are depends on the potentials,
-and the pattern is made again whenever the potentials have moved far.
+and the kernel is made again whenever the potentials have moved far.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from mdcs_pipeline.kernels.anderson import AndersonMixer
-from mdcs_pipeline.kernels.compiled.lists import best_and_slack, lists_within
-from mdcs_pipeline.kernels.compiled.passes import fill_kernel, fill_plan, sinkhorn_pass
+from mdcs_pipeline.kernels.blocks import (
+    BOX,
+    Blocks,
+    Boxes,
+    Sites,
+    boxed,
+    filled,
+    in_cells,
+    listed,
+    plan_of,
+    slack_of,
+    types_of,
+)
+from mdcs_pipeline.kernels.compiled.balance import drift, iterate
+from mdcs_pipeline.kernels.compiled.carried import carried_by_blocks, free_boxes
 
 FloatArray = NDArray[np.float64]
 
-DEPTH = 10
+DEPTH = 25
 CLIP = 15.0
-# How far, in ε, potentials may move before the pattern is made again around them.
+# How far, in ε, potentials may move before the kernel is made again around them.
 REFILL = 10.0
-# A pattern is trusted while no potential has moved by more than this many ε against another.
+# A kernel is trusted while no potential has moved by more than this many ε against another.
 DRIFT = 1.0
+# Where answers are wanted to fewer digits than these, float32 holds them.
+_SINGLE_TOLERANCE, _SINGLE_CUT = 1e-5, 1e-7
 
 
 class Accuracy(NamedTuple):
@@ -40,11 +54,22 @@ class Accuracy(NamedTuple):
         at most 1e-3, 1e-5 at most 1e-5, 1e-8 at most 3e-7.
     max_passes : int
         Bound on kernel passes.
+    precision : {"single", "double"}
+        Digits that the kernel is kept in; float32 only where tolerance and cut leave it room.
+        It halves time and memory, but small differences in the input can then end in
+        differences of the order of the tolerance.
     """
 
     tolerance: float = 1e-3
     cut: float = 1e-5
     max_passes: int = 2000
+    precision: Literal["single", "double"] = "single"
+
+    @property
+    def kind(self) -> type:
+        """The type of number that kernels are kept in; float32 gives entries five digits."""
+        room = self.tolerance >= _SINGLE_TOLERANCE and self.cut >= _SINGLE_CUT
+        return np.float32 if room and self.precision == "single" else np.float64
 
 
 class Problem(NamedTuple):
@@ -74,6 +99,31 @@ class Problem(NamedTuple):
     point_scale: FloatArray
     node_scale: FloatArray
 
+    def boxes(self) -> Boxes:
+        """Return the points in boxes; they serve until points, masses or r_j change."""
+        return boxed(self.points, self.mass, self.point_scale)
+
+
+class Carried(NamedTuple):
+    """What a plan brings to each node.
+
+    Parameters
+    ----------
+    received : (m,) float64
+        Σ_j π_ij.
+    pull : (m,) float64
+        Σ_j π_ij / r_j.
+    places : (m, 3) float64
+        Σ_j π_ij y_j / r_j.
+    scale : (m,) float64
+        Σ_j π_ij r_j.
+    """
+
+    received: FloatArray
+    pull: FloatArray
+    places: FloatArray
+    scale: FloatArray
+
 
 class Solution(NamedTuple):
     """A solved transport problem.
@@ -100,76 +150,103 @@ class Solution(NamedTuple):
     entries: int
 
 
-class _Pattern(NamedTuple):
-    indptr: NDArray[np.int64]
-    indices: NDArray[np.int32]
-    costs: FloatArray
+class Coupling(NamedTuple):
+    """A solved transport problem whose plan is not written out.
+
+    Parameters
+    ----------
+    boxes : Boxes
+    sites : Sites
+        With the potentials that `blocks` was made for.
+    blocks : Blocks or None
+        The kernel; None where none was kept.
+    scaling : (m,) float64
+        u_i of the last pass, in the order of `sites`.
+    carried : Carried
+    node_potentials, point_potentials, passes, marginal_error, converged, entries
+        As in `Solution`.
+    """
+
+    boxes: Boxes
+    sites: Sites
+    blocks: Blocks | None
+    scaling: FloatArray
+    carried: Carried
+    node_potentials: FloatArray
+    point_potentials: FloatArray
+    passes: int
+    marginal_error: float
+    converged: bool
+    entries: int
+
+    @property
+    def energy(self) -> float:
+        """Σ π_ij c_ij − ε H(Π), H = −Σ π ln π (Eq. 4 and 9).
+
+        For a plan of the form exp((f + g − c)/ε), each entry has ε ln π + c = f + g, so that
+        the sum is that of the potentials over the plan's own marginals.
+        """
+        sent = self.boxes.mass @ self.point_potentials[self.boxes.order]
+        return float(self.carried.received @ self.node_potentials + sent)
+
+    def solution(self, epsilon: float, accuracy: Accuracy) -> Solution:
+        """Return the solution with its plan."""
+        blocks = self.blocks
+        if blocks is None:
+            blocks = filled(self.boxes, self.sites, epsilon, accuracy.cut, accuracy.kind)
+        plan = plan_of(self.boxes, self.sites, blocks, self.scaling)
+        return Solution(
+            plan,
+            self.node_potentials,
+            self.point_potentials,
+            self.passes,
+            self.marginal_error,
+            self.converged,
+            self.entries,
+        )
 
 
-def _pattern(
-    problem: Problem, potentials: FloatArray, reach: float, lift: bool
-) -> tuple[_Pattern, FloatArray, NDArray[np.bool_]]:
-    weights = 1.0 / problem.point_scale, 1.0 / problem.node_scale
-    places = problem.points, problem.nodes
-    best, slack = best_and_slack(*places, potentials, *weights)
-    starved = (slack > 0.5 * reach) & lift
+def _in_place(total: FloatArray, names: NDArray[np.int64]) -> Carried:
+    ordered = np.empty_like(total)
+    ordered[:, names] = total
+    return Carried(ordered[0], ordered[1], ordered[2:5].T.copy(), ordered[5])
+
+
+def _scattered(values: FloatArray, order: NDArray[np.int64]) -> FloatArray:
+    result = np.empty_like(values)
+    result[order] = values
+    return result
+
+
+class _Start(NamedTuple):
+    sites: Sites
+    blocks: Blocks
+    potentials: FloatArray
+    lifted: NDArray[np.bool_]
+
+
+def _start(problem: Problem, boxes: Boxes, potentials: FloatArray, accuracy: Accuracy) -> _Start:
+    """Return the kernel around the potentials, those of starved nodes raised."""
+    how = problem.epsilon, accuracy.cut, accuracy.kind
+    reach = -problem.epsilon * np.log(accuracy.cut)
+    sites = in_cells(problem.nodes, problem.node_scale, potentials)
+    blocks = filled(boxes, sites, *how)
+    slack = blocks.slack
+    for i in np.flatnonzero(~np.isfinite(slack)):
+        slack[i] = slack_of(int(i), boxes, sites, blocks)
+    starved = slack > 0.5 * reach
     if starved.any():
         # A node that serves nobody has no kernel column: raise it to where it just competes.
-        potentials = potentials + np.where(starved, slack - 0.25 * reach, 0.0)
-        best, _ = best_and_slack(*places, potentials, *weights)
-    pattern = _Pattern(*lists_within(*places, potentials, *weights, best, reach))
-    return pattern, potentials, starved
+        lift = np.where(starved, slack - 0.25 * reach, 0.0)
+        potentials = potentials + _scattered(lift, sites.names)
+        sites = in_cells(problem.nodes, problem.node_scale, potentials)
+        blocks = filled(boxes, sites, *how)
+    return _Start(sites, blocks, potentials, starved)
 
 
-def _drift(log_scaling: FloatArray, lifted: NDArray[np.bool_]) -> float:
-    """Return by how many ε a potential has risen against another since the pattern was made.
-
-    The way back down of a lifted node does not count. It is no point's best, so that the
-    other columns do not depend on it; and a node of little mass, lifted every time, would
-    have the pattern made again for ever.
-    """
-    return float(log_scaling.max() - log_scaling[~lifted].min())
-
-
-class _Run(NamedTuple):
-    log_scaling: FloatArray
-    sums: FloatArray
-    passes: int
-    error: float
-
-
-def _iterate(
-    pattern: _Pattern,
-    kernel: FloatArray,
-    lifted: NDArray[np.bool_],
-    problem: Problem,
-    accuracy: Accuracy,
-    budget: int,
-) -> _Run:
-    """Run accelerated passes until the marginal is met, the potentials are far or `budget` ends."""
-    mass, target = problem.mass, problem.target
-    z = np.zeros(len(target))
-    best_z, best_error = z, np.inf
-    received, sums = np.empty(len(target)), np.empty(len(mass))
-    mixer = AndersonMixer(target, DEPTH, CLIP)
-    passes = 0
-    while True:
-        sinkhorn_pass(pattern.indptr, pattern.indices, kernel, mass, np.exp(z), received, sums)
-        passes += 1
-        error = float(np.abs(received - target).sum())
-        if error <= accuracy.tolerance or passes >= budget or _drift(z, lifted) > REFILL:
-            return _Run(z, sums, passes, error)
-        residual = np.log(target) - np.log(np.maximum(received, 1e-300))
-        if error > 2.0 * best_error:
-            mixer.clear()
-            z, best_error = best_z, np.inf
-            continue
-        if error < best_error:
-            best_z, best_error = z + residual, error
-        z = mixer.step(z, residual)
-
-
-def solve(problem: Problem, potentials: FloatArray, accuracy: Accuracy) -> Solution:
+def couple(
+    problem: Problem, potentials: FloatArray, accuracy: Accuracy, boxes: Boxes | None = None
+) -> Coupling:
     """Solve Eq. 9 by stabilised, accelerated Sinkhorn iterations.
 
     Parameters
@@ -179,31 +256,65 @@ def solve(problem: Problem, potentials: FloatArray, accuracy: Accuracy) -> Solut
     potentials : (m,) float64
         f to start from; zeros for a cold start.
     accuracy : Accuracy
+    boxes : Boxes, optional
+        Of the problem's points, from `Problem.boxes`, where they are at hand.
 
     Returns
     -------
-    Solution
+    Coupling
         Its point marginal is exact, its node marginal within the tolerance where it converged.
     """
-    reach = -problem.epsilon * np.log(accuracy.cut)
-    passes = entries = 0
+    boxes = problem.boxes() if boxes is None else boxes
+    passes = entries = held = 0
+    error = before = np.inf
+    count = len(potentials)
+    # More steps than there are unknowns say nothing more.
+    depth = min(DEPTH, max(10, count // 4))
+    memory = np.zeros((depth + 1, count)), np.zeros((depth + 1, count)), np.zeros((depth, depth))
+    z = np.zeros(count)
     while True:
-        pattern, start, lifted = _pattern(problem, potentials, reach, lift=True)
-        kernel, top = fill_kernel(*pattern, start, problem.epsilon)
+        sites, blocks, start, lifted = _start(problem, boxes, potentials, accuracy)
+        names = sites.names
+        # Steps before are remembered from where scalings now count, unless nodes were raised
+        # or those steps have led nowhere.
+        held = 0 if lifted.any() or error >= before else held
+        before = error
+        memory[0][depth] -= z
+        where = blocks.kernel, blocks.starts, blocks.indptr, blocks.indices, BOX
+        target = problem.target[names]
         budget = accuracy.max_passes - passes
-        run = _iterate(pattern, kernel, lifted, problem, accuracy, budget)
-        passes += run.passes
-        entries += run.passes * len(kernel)
-        potentials = start + problem.epsilon * run.log_scaling
-        trusted = _drift(run.log_scaling, lifted) <= DRIFT
-        if passes >= accuracy.max_passes or (run.error <= accuracy.tolerance and trusted):
+        limits = accuracy.tolerance, budget, REFILL, CLIP
+        z, sums, used, error, held = iterate(
+            *where, boxes.mass, target, lifted, *limits, memory, held
+        )
+        passes += used
+        entries += used * len(blocks.kernel)
+        potentials = start + problem.epsilon * _scattered(z, names)
+        trusted = drift(z, lifted) <= DRIFT
+        if passes >= accuracy.max_passes or (error <= accuracy.tolerance and trusted):
             break
-    return _solution(problem, pattern, kernel, top, run, potentials)._replace(
-        passes=passes, converged=run.error <= accuracy.tolerance, entries=entries
+    cloud = boxes.points, boxes.weight, boxes.mass, BOX, boxes.centres
+    scaling = np.exp(z)
+    total = carried_by_blocks(*cloud, *where[:4], scaling, sums)
+    g = problem.epsilon * np.log(boxes.mass / sums) - blocks.top
+    return Coupling(
+        boxes,
+        sites,
+        blocks,
+        scaling,
+        _in_place(total, names),
+        potentials,
+        _scattered(g, boxes.order),
+        passes,
+        error,
+        error <= accuracy.tolerance,
+        entries,
     )
 
 
-def solve_free(problem: Problem, potentials: FloatArray, accuracy: Accuracy) -> Solution:
+def couple_free(
+    problem: Problem, potentials: FloatArray, accuracy: Accuracy, boxes: Boxes | None = None
+) -> Coupling:
     """Solve Eq. 9 without its node marginal: every node takes what comes at its potential.
 
     This is the limit of a relaxed node marginal, τ KL(Π1 | ρ), for τ → 0. It has a closed
@@ -216,40 +327,41 @@ def solve_free(problem: Problem, potentials: FloatArray, accuracy: Accuracy) -> 
     potentials : (m,) float64
         f, which stays as it is.
     accuracy : Accuracy
-        Only its `cut` is read.
+        Only `cut`, and `tolerance` for the digits to compute in, are read.
+    boxes : Boxes, optional
+        As in `couple`.
 
     Returns
     -------
-    Solution
+    Coupling
     """
-    reach = -problem.epsilon * np.log(accuracy.cut)
-    pattern, _, _ = _pattern(problem, potentials, reach, lift=False)
-    kernel, top = fill_kernel(*pattern, potentials, problem.epsilon)
-    received, sums = np.empty(len(problem.nodes)), np.empty(len(problem.mass))
-    ones = np.ones(len(problem.nodes))
-    sinkhorn_pass(pattern.indptr, pattern.indices, kernel, problem.mass, ones, received, sums)
-    run = _Run(np.zeros(len(ones)), sums, 1, 0.0)
-    return _solution(problem, pattern, kernel, top, run, potentials)
+    boxes = problem.boxes() if boxes is None else boxes
+    epsilon, log_cut = problem.epsilon, float(np.log(accuracy.cut))
+    sites = in_cells(problem.nodes, problem.node_scale, potentials)
+    lists = listed(boxes, sites, -epsilon * log_cut)
+    cloud = boxes.points, boxes.weight, boxes.mass, BOX, boxes.centres
+    span, like = (0, len(boxes.low)), types_of(accuracy.kind)
+    total, g = free_boxes(*cloud, sites.sites, lists, epsilon, log_cut, span, like)
+    return Coupling(
+        boxes,
+        sites,
+        None,
+        np.ones(len(potentials)),
+        _in_place(total, sites.names),
+        potentials,
+        _scattered(g, boxes.order),
+        1,
+        0.0,
+        True,
+        BOX * len(lists[1]),
+    )
 
 
-def _solution(
-    problem: Problem,
-    pattern: _Pattern,
-    kernel: FloatArray,
-    top: FloatArray,
-    run: _Run,
-    potentials: FloatArray,
-) -> Solution:
-    data = fill_plan(
-        pattern.indptr, pattern.indices, kernel, problem.mass, np.exp(run.log_scaling), run.sums
-    )
-    shape = (len(problem.mass), len(problem.nodes))
-    return Solution(
-        plan=sparse.csr_array((data, pattern.indices, pattern.indptr), shape=shape),
-        node_potentials=potentials,
-        point_potentials=problem.epsilon * np.log(problem.mass / run.sums) - top,
-        passes=run.passes,
-        marginal_error=run.error,
-        converged=True,
-        entries=len(kernel),
-    )
+def solve(problem: Problem, potentials: FloatArray, accuracy: Accuracy) -> Solution:
+    """Return the solution of `couple` with its plan."""
+    return couple(problem, potentials, accuracy).solution(problem.epsilon, accuracy)
+
+
+def solve_free(problem: Problem, potentials: FloatArray, accuracy: Accuracy) -> Solution:
+    """Return the solution of `couple_free` with its plan."""
+    return couple_free(problem, potentials, accuracy).solution(problem.epsilon, accuracy)

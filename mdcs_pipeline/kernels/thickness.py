@@ -30,10 +30,13 @@ class LocalRadius(NamedTuple):
     radius : (n,) float64
     confidence : (n,) float64
         Falls from 1 with the distance, in radii, to the landmark that the value came from.
+    centre : (n, 3) float64
+        Centre of mass of the closed patch that the value came from: near the axis.
     """
 
     radius: FloatArray
     confidence: FloatArray
+    centre: FloatArray
 
 
 def local_radius(
@@ -69,22 +72,34 @@ def local_radius(
     sources = spread_points(points, min(landmarks, len(points)), seed)
     spacing = float(np.median(graph.data))
     radii = np.geomspace(4.0 * spacing, max(1.5, 8.0 * spacing), 40)
-    scale, _ = closing_patches(
+    scale, _, centre = closing_patches(
         graph.indptr, graph.indices, graph.data, points, mass, sources, radii, closed
     )
     # A cloud thinner than its sampling (a line of points) still needs a length to measure by.
     scale = np.maximum(scale, spacing)
     values = np.full(len(points), np.inf)
     values[sources] = _median_within(points[sources], scale)
-    radius, carried = spread_minimum(graph.indptr, graph.indices, graph.data, values, slope)
+    radius, carried, origin = spread_minimum(graph.indptr, graph.indices, graph.data, values, slope)
     # Parts of the graph without a landmark.
     lost = ~np.isfinite(radius)
     radius[lost] = np.median(scale)
     confidence = np.where(lost, 0.0, 1.0 / (1.0 + carried / radius))
-    return LocalRadius(radius, confidence)
+    middle = points.copy()
+    middle[sources] = centre
+    middle = np.where(lost[:, None], points, middle[origin])
+    # The middle of a patch that closed around more than this limb is inside none.
+    far = np.linalg.norm(middle - points, axis=1) > 2.0 * radius
+    middle[far] = points[far]
+    return LocalRadius(radius, confidence, middle)
 
 
 def _median_within(places: FloatArray, scale: FloatArray) -> FloatArray:
     """Return, at every landmark, the median of the values within its own radius."""
     near = cKDTree(places).query_ball_point(places, scale)
-    return np.array([np.median(scale[indices]) for indices in near])
+    counts = np.array([len(indices) for indices in near])
+    values = scale[np.concatenate(near).astype(np.int64)]
+    # Sorted within each landmark; the median is the middle one, or the mean of the middle two.
+    values = values[np.lexsort((values, np.repeat(np.arange(len(near)), counts)))]
+    first = np.cumsum(counts) - counts
+    middle = 0.5 * (values[first + (counts - 1) // 2] + values[first + counts // 2])
+    return np.asarray(middle, dtype=np.float64)

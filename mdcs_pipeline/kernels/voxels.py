@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from mdcs_pipeline.kernels.canonical import CanonicalFrame
+from mdcs_pipeline.kernels.compiled.cells import cell_sums
 
 FloatArray = NDArray[np.float64]
 
@@ -30,16 +33,25 @@ _BITS = 21
 MAX_CELLS = 2 ** (_BITS - 1) - 1
 
 
-def voxel_means(points: FloatArray, weights: FloatArray | None, size: float) -> Voxels:
+def voxel_means(
+    points: NDArray[np.floating[Any]],
+    weights: FloatArray | None,
+    size: float,
+    frame: CanonicalFrame | None = None,
+) -> Voxels:
     """Return the weighted centroid and total weight of every occupied voxel.
+
+    Points are taken one by one: the memory is that of the voxels, however many points.
 
     Parameters
     ----------
-    points : (N, 3) float64
+    points : (N, 3) float32 or float64
     weights : (N,) float64 or None
         All 1 when absent.
     size : float
         Edge of a voxel; the cloud may span at most `MAX_CELLS` of them around the origin.
+    frame : CanonicalFrame, optional
+        Whose coordinates voxels and centroids are in; those of the points when absent.
 
     Returns
     -------
@@ -50,16 +62,13 @@ def voxel_means(points: FloatArray, weights: FloatArray | None, size: float) -> 
     ValueError
         If the cloud spans more voxels than can be counted.
     """
+    if frame is None:
+        frame = CanonicalFrame(np.zeros(3), np.eye(3), 1.0)
     # The origin is a cell's centre: flat and straight clouds, which lie on planes through it,
     # are not split by round-off.
-    cells = np.floor(points / size + 0.5)
-    if len(cells) and np.abs(cells).max() > MAX_CELLS:
+    share = np.empty(0) if weights is None else weights
+    codes, sums = cell_sums(points, share, *frame, size, MAX_CELLS, _BITS)
+    if len(points) and not len(codes):
         raise ValueError(f"the cloud spans more than {MAX_CELLS} voxels of edge {size:.3g}")
-    coded = (cells.astype(np.int64) + MAX_CELLS + 1) @ np.array(
-        [1 << (2 * _BITS), 1 << _BITS, 1], dtype=np.int64
-    )
-    _, group = np.unique(coded, return_inverse=True)
-    total = np.bincount(group, weights)
-    share = np.ones(len(points)) if weights is None else weights
-    sums = np.stack([np.bincount(group, share * points[:, axis]) for axis in range(3)], axis=1)
-    return Voxels(sums / total[:, None], total.astype(np.float64))
+    sums = sums[np.argsort(codes)]
+    return Voxels(sums[:, :3] / sums[:, 3:], np.ascontiguousarray(sums[:, 3]))

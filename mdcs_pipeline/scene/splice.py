@@ -273,9 +273,12 @@ def _chains(update: Update) -> list[tuple[int, int, list[int]]]:
             chain, last, at = [], start, first
             while at >= count:
                 chain.append(at)
-                (following,) = (n for n in near[at] if n != last)
-                last, at = at, following
-            if start < at:
+                further = [n for n in near[at] if n != last]
+                if not further:
+                    # A tip added to a node without an edge: it belongs to no edge of the graph.
+                    break
+                last, at = at, further[0]
+            if start < at < count:
                 found.append((start, at, chain))
     return found
 

@@ -9,7 +9,10 @@ import numpy as np
 from pydantic import Field
 
 from mdcs_pipeline.kernels.assignment import plan_owners
-from mdcs_pipeline.kernels.bridging import BridgeRule, bridges, open_ends
+from mdcs_pipeline.kernels.bridging import BridgeRule, Shore, bridges
+from mdcs_pipeline.kernels.ends import limb_ends
+from mdcs_pipeline.kernels.nearest import nearest
+from mdcs_pipeline.kernels.rims import free_angle
 from mdcs_pipeline.messages import MassCloud, RoughSkeleton
 from mdcs_pipeline.stage import Settings, Stage
 
@@ -19,12 +22,17 @@ _RULE = BridgeRule()
 class BridgeSettings(Settings):
     """Settings of `Bridge`."""
 
+    neighbours: int = Field(
+        12, ge=4, le=100, description="Nearest points that a point must have all around it."
+    )
+    gap: float = Field(
+        2.2, gt=0, le=6.3, description="Angle free of neighbours, in radians, that makes a rim."
+    )
     openness: float = Field(
         _RULE.openness,
         ge=0,
-        le=2,
-        description="Distance of an end's outermost points from its axis, in its radius, from "
-        "which it is an open pipe and not a capped limb.",
+        le=1,
+        description="Share of rim points among an end's outermost from which it is cut open.",
     )
     reach: float = Field(
         _RULE.reach, gt=0, description="Longest bridge, in the larger end's radius."
@@ -38,8 +46,19 @@ class BridgeSettings(Settings):
     aim: float = Field(
         _RULE.aim, ge=-1, le=1, description="Least cosine between an open end and a node it meets."
     )
+    aim_within: float = Field(
+        _RULE.aim_within,
+        ge=-1,
+        le=1,
+        description="The same where the node belongs to the end's own piece: a loop is closed.",
+    )
     ratio: float = Field(
         _RULE.ratio, ge=1, description="Largest ratio of the radii of two joined ends."
+    )
+    crowd: float = Field(
+        _RULE.crowd,
+        ge=0,
+        description="Points in the way of a bridge, in those of its end, from which it is refused.",
     )
 
 
@@ -57,9 +76,11 @@ class Bridge(Stage[BridgeSettings]):
     def __call__(self, cloud: MassCloud, rough: RoughSkeleton) -> Bridged:
         """Return the skeleton with bridges; nodes and plan stay as they are."""
         nodes, plan = rough.nodes, rough.plan.plan
-        owner = plan_owners(plan)
-        ends = open_ends(nodes.positions, nodes.scale, rough.edges, cloud.positions, owner)
-        rule = BridgeRule(**self.settings.model_dump())
-        built = bridges(nodes.positions, rough.edges, ends, rule)
+        owner, points, settings = plan_owners(plan), cloud.positions, self.settings
+        free = free_angle(points, nearest(points, settings.neighbours).indices)
+        shore = Shore(nodes.positions, nodes.scale, points, owner, free > settings.gap)
+        ends = limb_ends(nodes.positions, nodes.scale, rough.edges, points, owner, shore.rim)
+        rule = BridgeRule(**settings.model_dump(exclude={"neighbours", "gap"}))
+        built = bridges(rough.edges, ends, shore, rule)
         edges = np.unique(np.concatenate([rough.edges, built]), axis=0)
         return Bridged(replace(rough, edges=edges))

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from pydantic import Field
 
+from mdcs_pipeline.ingest import given_cloud
 from mdcs_pipeline.kernels.outliers import lonely_points
 from mdcs_pipeline.kernels.surface import islands, surface_graph
 from mdcs_pipeline.messages import PointCloud
@@ -61,6 +62,7 @@ class Clean(Stage[CleanSettings]):
 
     def __call__(self, cloud: PointCloud) -> Cleaned:
         """Return the cloud without its outliers; a cloud of a few points stays as it is."""
+        cloud = given_cloud(cloud)
         keep = np.arange(len(cloud))
         positions = np.asarray(cloud.positions, dtype=np.float64)
         settings = self.settings
@@ -75,6 +77,8 @@ class Clean(Stage[CleanSettings]):
                 settings.far,
                 settings.round_from,
             )
+            if not lonely.any():
+                break
             keep = keep[~lonely]
         if settings.least_island > 0 and len(keep) > 4 * settings.neighbours:
             graph = surface_graph(positions[keep], settings.neighbours, 0).graph

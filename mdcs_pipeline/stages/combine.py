@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mdcs_pipeline.errors import InputError
+from mdcs_pipeline.ingest import given_cloud
 from mdcs_pipeline.messages import PointCloud
 from mdcs_pipeline.stage import Settings, Stage
 
@@ -34,6 +35,7 @@ class Combine(Stage[CombineSettings]):
         InputError
             If the clouds are in different frames.
         """
+        clouds = tuple(given_cloud(cloud) for cloud in clouds)
         frames = {cloud.header.frame_id for cloud in clouds}
         if len(frames) > 1:
             raise InputError(

@@ -8,6 +8,7 @@ import numpy as np
 from pydantic import Field
 
 from mdcs_pipeline.errors import InputError
+from mdcs_pipeline.ingest import given_cloud
 from mdcs_pipeline.kernels.density import area_mass, neighbour_radius
 from mdcs_pipeline.messages import MassCloud, PointCloud
 from mdcs_pipeline.stage import Settings, Stage
@@ -54,6 +55,7 @@ class Density(Stage[DensitySettings]):
         InputError
             If the cloud has too few points, or they all coincide.
         """
+        cloud = given_cloud(cloud)
         unit = unit_frame(cloud)
         if len(cloud) < LEAST_POINTS:
             raise InputError(

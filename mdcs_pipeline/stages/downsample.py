@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
 from pydantic import Field
 
 from mdcs_pipeline.errors import InputError
-from mdcs_pipeline.kernels.canonical import canonical_frame
+from mdcs_pipeline.ingest import given_cloud
+from mdcs_pipeline.kernels.canonical import CanonicalFrame, framed
 from mdcs_pipeline.kernels.voxels import voxel_means
 from mdcs_pipeline.messages import PointCloud, UnitFrame
 from mdcs_pipeline.stage import Settings, Stage
@@ -53,12 +53,18 @@ class Downsample(Stage[DownsampleSettings]):
         InputError
             If the cloud is empty, all its points coincide, or the voxels are too many to count.
         """
+        cloud = given_cloud(cloud)
         unit = unit_frame(cloud)
         size = self.settings.voxel
         if self.settings.voxel_size is not None:
             size = self.settings.voxel_size / unit.length
         try:
-            voxels = voxel_means(unit.to_unit(cloud.positions), cloud.weights, size)
+            voxels = voxel_means(
+                cloud.positions,
+                cloud.weights,
+                size,
+                CanonicalFrame(unit.centre, unit.axes, unit.length),
+            )
         except ValueError as error:
             raise InputError(
                 str(error),
@@ -83,10 +89,9 @@ def unit_frame(cloud: PointCloud) -> UnitFrame:
             received=f"0 points, {cloud.dropped} dropped as not finite",
             remedy="check the source",
         )
-    size = float(np.abs(cloud.positions).max())
+    frame, size = framed(cloud.positions, cloud.weights)
     if size > _LARGEST:
         raise _out_of_range(size)
-    frame = canonical_frame(cloud.positions, cloud.weights)
     # Where the spread is only the round-off of large coordinates there is no shape to measure.
     if frame.length <= 1e-12 * size or frame.length == 0.0:
         raise InputError(

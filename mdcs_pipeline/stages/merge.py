@@ -124,7 +124,7 @@ def _carried(links: IntArray, shared: Links, nodes: Nodes, noise: float) -> IntA
 
 
 def _outcome(plan: TransportPlan, labelled: Nodes, pairs: IntArray) -> Merging:
-    settled_plan = replace(plan, nodes=labelled)
+    settled_plan = plan.serving(labelled)
     if not len(pairs):
         return Merging(None, settled_plan)
     return Merging(merged_nodes(labelled, pairs), settled_plan)

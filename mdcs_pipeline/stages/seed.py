@@ -29,6 +29,11 @@ class SeedSettings(Settings):
         description="With spread and a thickness: no more candidates once every point has one "
         "within this many local radii. Fewer than m/n are then enough where the shape is thick.",
     )
+    place: Literal["surface", "centre"] = Field(
+        "surface",
+        description="surface: candidates start where their points are; centre: in the middle of "
+        "the patch of surface that closes around their limb, where a thickness says so.",
+    )
     seed: int = Field(0, ge=0, description="Seed of the random choice.")
 
 
@@ -56,7 +61,8 @@ class Seed(Stage[SeedSettings]):
             chosen = random_points(n, m, settings.seed)
         m = len(chosen)
         scale = np.ones(m) if thickness is None else thickness.radius[chosen]
-        nodes = Nodes(
-            cloud.positions[chosen], np.full(m, 1.0 / m), scale=scale, header=cloud.header
-        )
+        places = cloud.positions
+        if settings.place == "centre" and thickness is not None and thickness.centre is not None:
+            places = thickness.centre
+        nodes = Nodes(places[chosen], np.full(m, 1.0 / m), scale=scale, header=cloud.header)
         return SeedOutput(nodes)

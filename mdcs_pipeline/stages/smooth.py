@@ -9,12 +9,13 @@ from numpy.typing import NDArray
 from pydantic import Field
 from scipy.spatial import cKDTree
 
+from mdcs_pipeline.ingest import given_cloud
 from mdcs_pipeline.kernels.assignment import owners, plan_owners
-from mdcs_pipeline.kernels.bridging import open_ends, stretched
+from mdcs_pipeline.kernels.ends import limb_ends, lone_segments, stretched
 from mdcs_pipeline.kernels.energy import mean_distance
 from mdcs_pipeline.kernels.insertion import Refined, insert_points
 from mdcs_pipeline.kernels.optimise import Descent, Optimised, optimise
-from mdcs_pipeline.kernels.sinkhorn import Accuracy, Problem, solve_free
+from mdcs_pipeline.kernels.sinkhorn import Accuracy, Problem, couple_free
 from mdcs_pipeline.messages import MassCloud, PointCloud, RoughSkeleton, Skeleton, Thickness
 from mdcs_pipeline.stage import Settings, Stage
 
@@ -66,6 +67,11 @@ class SmoothSettings(Settings):
         lt=1,
         description="Kernel entries below this share of a row's largest go.",
     )
+    precision: Literal["single", "double"] = Field(
+        "double",
+        description="Numbers that the kernel is kept in; places are final here, and single "
+        "would move them with the last digits of the input.",
+    )
     assign: bool = Field(
         False, description="Whether the result names the node of every input point."
     )
@@ -95,7 +101,7 @@ class Smooth(Stage[SmoothSettings]):
         """
         refined = self._refine(cloud, rough)
         found = self._optimise(cloud, rough, thickness, refined)
-        solution, nodes = found.solution, found.problem.nodes
+        solution, nodes = found.written(), found.problem.nodes
         received = np.bincount(solution.plan.indices, solution.plan.data, minlength=len(nodes))
         radius = mean_distance(solution.plan, cloud.positions, nodes) * cloud.unit.length
         skeleton = Skeleton(
@@ -121,11 +127,18 @@ class Smooth(Stage[SmoothSettings]):
     def _refine(self, cloud: MassCloud, rough: RoughSkeleton) -> Refined:
         nodes, edges = rough.nodes, rough.edges
         positions = nodes.positions
+        values = np.stack([nodes.mass, nodes.scale, nodes.potentials], axis=1)
         if self.settings.stretch:
             owner = plan_owners(rough.plan.plan)
-            ends = open_ends(positions, nodes.scale, edges, cloud.positions, owner)
+            ends = limb_ends(positions, nodes.scale, edges, cloud.positions, owner)
             positions = stretched(positions, [end for end in ends if not nodes.fixed[end.node]])
-        values = np.stack([nodes.mass, nodes.scale, nodes.potentials], axis=1)
+            for node, tips in lone_segments(nodes.positions, edges, cloud.positions, owner):
+                if node < len(nodes) and nodes.fixed[node]:
+                    continue
+                edges = np.concatenate([edges, [[node, len(positions)]]])
+                positions[node] = tips[0]
+                positions = np.concatenate([positions, tips[1:]])
+                values = np.concatenate([values, values[[node]]])
         if not (self.settings.insert and len(edges)):
             return Refined(positions, values, edges)
         places = positions[edges]
@@ -151,12 +164,11 @@ class Smooth(Stage[SmoothSettings]):
             np.ones(len(cloud)) if thickness is None else thickness.radius,
             np.ones(count) if thickness is None else refined.values[:, 1],
         )
-        accuracy = Accuracy(settings.tolerance, settings.cut)
+        accuracy = Accuracy(settings.tolerance, settings.cut, precision=settings.precision)
         # Interpolated masses would be those of no plan: each node is given what reaches it.
-        level = solve_free(problem, np.zeros(count), accuracy)
-        received = np.bincount(level.plan.indices, level.plan.data, minlength=count)
+        level = couple_free(problem, np.zeros(count), accuracy)
         floor = 1e-6 / count
-        target = np.maximum(received, floor)
+        target = np.maximum(level.carried.received, floor)
         problem = problem._replace(target=target / target.sum())
         descent = Descent(
             settings.power,
@@ -177,9 +189,9 @@ class Smooth(Stage[SmoothSettings]):
             return None
         problem, places, scale = found.problem, cloud.positions, found.problem.point_scale
         if points is not None:
-            places = cloud.unit.to_unit(points.positions)
+            places = cloud.unit.to_unit(given_cloud(points).positions)
             scale = scale[cKDTree(cloud.positions).query(places)[1]]
-        potentials = found.solution.node_potentials
+        potentials = found.coupling.node_potentials
         return owners(places, problem.nodes, potentials, scale, problem.node_scale)
 
 

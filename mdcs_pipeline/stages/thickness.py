@@ -25,7 +25,7 @@ class ThicknessSettings(Settings):
         "most γ s². A sheet has 0.25, a tube that just closes 0.05.",
     )
     slope: float = Field(
-        0.25, gt=0, le=2, description="Most that the radius grows per unit of geodesic distance."
+        0.15, gt=0, le=2, description="Most that the radius grows per unit of geodesic distance."
     )
     seed: int = Field(0, ge=0, description="Chooses the first landmark.")
 
@@ -53,4 +53,4 @@ class LocalThickness(Stage[ThicknessSettings]):
             settings.slope,
             settings.seed,
         )
-        return ThicknessOutput(Thickness(found.radius, found.confidence))
+        return ThicknessOutput(Thickness(found.radius, found.confidence, found.centre))

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from pydantic import Field, field_validator
 
+from mdcs_pipeline.ingest import given_cloud
 from mdcs_pipeline.io.write import SKELETON_SUFFIXES, write_skeleton
 from mdcs_pipeline.messages import PointCloud, Skeleton
 from mdcs_pipeline.stage import Settings, Stage
@@ -44,5 +45,5 @@ class Write(Stage[WriteSettings]):
         MissingExtraError
             If a picture or page is asked for without the extra ``draw``.
         """
-        positions = None if cloud is None else cloud.positions
+        positions = None if cloud is None else given_cloud(cloud).positions
         write_skeleton(skeleton, self.settings.path, cloud=positions)

@@ -1,20 +1,189 @@
-"""Geodesic patches that grow until they close into a tube."""
+"""Geodesic patches that grow until they close into a tube.
+
+Patches are grown for many sources at once: a link is then one vector operation on all their
+distances, and what a heap would order is set right by a few sweeps.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
+from mdcs_pipeline.kernels.compiled.ball import ball_around, local_graph
+from mdcs_pipeline.kernels.compiled.boxes import box_order
 from mdcs_pipeline.kernels.compiled.heap import heap_drop, heap_push
+from mdcs_pipeline.kernels.compiled.lanes import LANES, relax_links
 from mdcs_pipeline.kernels.compiled.types import FloatArray, IntArray
+
+# Sources that share a ball of the graph.
+_SHARING = 2 * LANES
+# Points that are set right before the next are looked at. All sources lie within it, mostly:
+# farther out ways lead outwards, and one visit is nearly enough.
+_WINDOW = 2048
+# A patch's moments: Σ m, Σ m x, y, z and Σ m xx, xy, xz, yy, yz, zz.
+_MOMENTS = 10
+_FAR = np.float32(1e30)
 
 
 @njit(cache=True, nogil=True)
-def middle_variance(total: float, first: FloatArray, second: FloatArray) -> float:
-    """Return the middle eigenvalue of a patch's covariance from its moments."""
-    covariance = second / total - np.outer(first, first) / (total * total)
-    middle: float = np.linalg.eigvalsh(covariance)[1]
-    return max(middle, 0.0)
+def middle_eigenvalue(moments: FloatArray) -> float:
+    """Return the middle eigenvalue of a patch's covariance from its moments, by rotations.
+
+    `moments` are Σ m, Σ m x, y, z, and Σ m xx, xy, xz, yy, yz, zz. Jacobi's rotations keep
+    all digits of a small eigenvalue beside a large one, which the cubic's formula does not.
+    """
+    total = moments[0]
+    x, y, z = moments[1] / total, moments[2] / total, moments[3] / total
+    a, b, c = moments[4] / total - x * x, moments[7] / total - y * y, moments[9] / total - z * z
+    d, e, f = moments[5] / total - x * y, moments[6] / total - x * z, moments[8] / total - y * z
+    for _ in range(12):
+        if d * d + e * e + f * f <= 1e-32 * (a * a + b * b + c * c):
+            break
+        a, b, d, e, f = _rotated(a, b, d, e, f)
+        a, c, e, d, f = _rotated(a, c, e, d, f)
+        b, c, f, d, e = _rotated(b, c, f, d, e)
+    middle: float = max(max(min(a, b), min(max(a, b), c)), 0.0)
+    return middle
+
+
+@njit(cache=True, nogil=True)
+def _rotated(
+    p: float, q: float, off: float, one: float, other: float
+) -> tuple[float, float, float, float, float]:
+    """Return a symmetric matrix after the rotation that makes the entry `off` of p and q 0."""
+    if off == 0.0:
+        return p, q, off, one, other
+    slope = 0.5 * (q - p) / off
+    t = 1.0 / (abs(slope) + np.sqrt(slope * slope + 1.0))
+    if slope < 0.0:
+        t = -t
+    cosine = 1.0 / np.sqrt(t * t + 1.0)
+    sine = t * cosine
+    return (
+        p - t * off,
+        q + t * off,
+        0.0,
+        cosine * one - sine * other,
+        sine * one + cosine * other,
+    )
+
+
+@njit(cache=True, nogil=True)
+def sweep_distances(
+    links: tuple[IntArray, IntArray, NDArray[np.float32]], starts: IntArray
+) -> NDArray[np.float32]:
+    """Return the shortest ways from each of `starts` to all points, (k, LANES) float32.
+
+    Points lie in the order of their distance from the middle of the sources, and most ways
+    lead outwards: swept window by window, few points are visited more than twice. Ways are
+    exact but for float32, whose last digit is a ten-thousandth of a link.
+    """
+    indptr, indices, lengths = links
+    distance = np.full((len(indptr) - 1, LANES), _FAR)
+    dirty = np.zeros(len(indptr) - 1, np.bool_)
+    for k in range(len(starts)):
+        if starts[k] >= 0:
+            distance[starts[k], k] = 0.0
+            dirty[starts[k]] = True
+    n, first = len(dirty), 0
+    ahead = True
+    while first < n or dirty.any():
+        # A way may lead back into the window before; what led farther is found at the end.
+        low, high = (max(0, first - _WINDOW), min(n, first + _WINDOW)) if first < n else (0, n)
+        found = True
+        while found:
+            found = False
+            for k in range(high - low):
+                v = low + k if ahead else high - 1 - k
+                if not dirty[v]:
+                    continue
+                dirty[v] = False
+                found = True
+                relax_links(v, indptr[v], indptr[v + 1], indices, lengths, distance, dirty)
+            ahead = not ahead
+        first += _WINDOW
+    return distance
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _add(moments: FloatArray, to: FloatArray) -> None:
+    for a in range(len(to)):
+        to[a] += moments[a]
+
+
+@njit(cache=True, nogil=True)
+def ring_moments(
+    distance: NDArray[np.float32], places: FloatArray, mass: FloatArray, radii: FloatArray
+) -> tuple[FloatArray, IntArray]:
+    """Return the moments of the points between each two radii, for every lane.
+
+    Returns
+    -------
+    rings : (lanes, len(radii) + 1, 10) float64
+        The last ring is what lies beyond all radii.
+    counts : (lanes, len(radii) + 1) int64
+        Points in each ring.
+    """
+    n, lanes = distance.shape
+    rings = np.zeros((lanes, len(radii) + 1, _MOMENTS))
+    counts = np.zeros((lanes, len(radii) + 1), np.int64)
+    cells = 4096
+    step = radii[-1] / cells
+    # The first radius that a distance in each small cell may lie within.
+    first = np.searchsorted(radii, np.arange(cells + 2) * step)
+    moments = np.zeros(_MOMENTS)
+    for v in range(n):
+        x, y, z, m = places[v, 0], places[v, 1], places[v, 2], mass[v]
+        moments[0], moments[1], moments[2], moments[3] = m, m * x, m * y, m * z
+        moments[4], moments[5], moments[6] = m * x * x, m * x * y, m * x * z
+        moments[7], moments[8], moments[9] = m * y * y, m * y * z, m * z * z
+        for lane in range(lanes):
+            far = distance[v, lane]
+            if far >= _FAR:
+                continue
+            at = first[min(np.int64(far / step), cells + 1)]
+            while at < len(radii) and far > radii[at]:
+                at += 1
+            counts[lane, at] += 1
+            _add(moments, rings[lane, at])
+    return rings, counts
+
+
+@njit(cache=True, nogil=True)
+def closing_radius(
+    rings: FloatArray,
+    counts: IntArray,
+    radii: FloatArray,
+    closed: float,
+    sure: float,
+    middle: FloatArray,
+) -> tuple[float, float]:
+    """Return √(2 λ2) and radius of the first ball that has closed, from one lane's rings.
+
+    `middle` is filled with its centre of mass.
+
+    A radius only counts where points lie beyond it. Balls wider than `sure` are not whole:
+    the radius is then NaN. Where all are and none has closed, it is infinite.
+    """
+    total = np.zeros(_MOMENTS)
+    beyond = counts.sum()
+    for at in range(len(radii)):
+        _add(rings[at], total)
+        beyond -= counts[at]
+        if radii[at] > sure:
+            return 0.0, np.nan
+        if beyond == 0 and sure == np.inf:
+            break
+        variance = middle_eigenvalue(total)
+        if variance <= closed * radii[at] ** 2:
+            middle[:] = total[1:4] / total[0]
+            return np.sqrt(2.0 * variance), radii[at]
+    if sure < np.inf:
+        return 0.0, np.nan
+    _add(rings[len(radii)], total)
+    middle[:] = total[1:4] / total[0]
+    return np.sqrt(2.0 * middle_eigenvalue(total)), np.inf
 
 
 @njit(cache=True, nogil=True)
@@ -27,61 +196,79 @@ def closing_patches(
     sources: IntArray,
     radii: FloatArray,
     closed: float,
-) -> tuple[FloatArray, FloatArray]:
-    """Return √(2 λ2) of each source's geodesic ball where it has closed, and the ball's radius.
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return √(2 λ2) of each source's geodesic ball where it has closed, its radius and centre.
 
     A ball of radius s has closed at the first of `radii` with λ2 ≤ closed · s². Where it never
     does, the whole part's λ2 is taken and the radius is infinite.
     """
-    n = len(points)
-    scale = np.empty(len(sources))
-    reach = np.full(len(sources), np.inf)
-    distance = np.full(n, np.inf)
-    keys = np.empty(len(indices) + 1)
-    values = np.empty(len(indices) + 1, np.int64)
-    touched = np.empty(n, np.int64)
-    for q in range(len(sources)):
-        source = sources[q]
-        distance[source] = 0.0
-        touched[0] = source
-        count = 1
-        size = heap_push(keys, values, 0, 0.0, source)
-        total = 0.0
-        first = np.zeros(3)
-        second = np.zeros((3, 3))
-        at = 0
-        while size > 0 and reach[q] == np.inf:
-            near, v = keys[0], values[0]
-            size = heap_drop(keys, values, size)
-            if near > distance[v]:
-                continue
-            while at < len(radii) and near > radii[at]:
-                variance = middle_variance(total, first, second)
-                if variance <= closed * radii[at] ** 2:
-                    scale[q] = np.sqrt(2.0 * variance)
-                    reach[q] = radii[at]
-                    break
-                at += 1
-            total += mass[v]
-            for a in range(3):
-                offset = points[v, a] - points[source, a]
-                first[a] += mass[v] * offset
-                for b in range(3):
-                    second[a, b] += mass[v] * offset * (points[v, b] - points[source, b])
-            for k in range(indptr[v], indptr[v + 1]):
-                u = indices[k]
-                far = near + lengths[k]
-                if far < distance[u]:
-                    if distance[u] == np.inf:
-                        touched[count] = u
-                        count += 1
-                    distance[u] = far
-                    size = heap_push(keys, values, size, far, u)
-        if reach[q] == np.inf:
-            scale[q] = np.sqrt(2.0 * middle_variance(total, first, second))
-        for k in range(count):
-            distance[touched[k]] = np.inf
-    return scale, reach
+    scale = np.zeros(len(sources))
+    reach = np.full(len(sources), np.nan)
+    centre = np.zeros((len(sources), 3))
+    place = np.full(len(points), -1)
+    todo, wanted = np.arange(len(sources)), radii[-1] / 3.0
+    while len(todo) > 0:
+        # What a ball was too small for waits for the next round, with others of its kind.
+        order, widest = box_order(points[sources[todo]], LANES), wanted
+        for start in range(0, len(todo), _SHARING):
+            lanes = todo[order[start : start + _SHARING]]
+            needed = _grow_together(
+                indptr, indices, lengths, points, mass, sources, radii, closed, lanes, wanted,
+                place, scale, reach, centre,
+            )  # fmt: skip
+            widest = max(widest, wanted)
+            # Neighbours close at like sizes; a ball too small is grown in vain.
+            wanted = max(0.8 * wanted, needed) if needed > 0.0 else wanted
+        todo, wanted = todo[np.isnan(reach[todo])], 2.0 * widest
+    return scale, reach, centre
+
+
+@njit(cache=True, nogil=True)
+def _grow_together(
+    indptr: IntArray,
+    indices: IntArray,
+    lengths: FloatArray,
+    points: FloatArray,
+    mass: FloatArray,
+    sources: IntArray,
+    radii: FloatArray,
+    closed: float,
+    lanes: IntArray,
+    wanted: float,
+    place: IntArray,
+    scale: FloatArray,
+    reach: FloatArray,
+    middle: FloatArray,
+) -> float:
+    """Fill in `scale`, `reach` and `middle` of some lanes as far as a ball `wanted` wide tells.
+
+    Returns
+    -------
+    float
+        Radius of the ball that those which closed have needed, a little more; 0 for none.
+    """
+    centre = sources[lanes[0]]
+    ball, from_centre, whole = ball_around(indptr, indices, lengths, centre, wanted, place)
+    links = local_graph(indptr, indices, lengths, ball, place)
+    places, masses = points[ball] - points[centre], mass[ball]
+    widest = 0.0
+    for first in range(0, len(lanes), LANES):
+        some = lanes[first : first + LANES]
+        starts = place[sources[some]]
+        distance = sweep_distances(links, starts)
+        rings, counts = ring_moments(distance, places, masses, radii)
+        for k in range(len(some)):
+            # Others lie in another part, or out of reach of this ball.
+            if starts[k] >= 0:
+                sure = np.inf if whole else wanted - from_centre[starts[k]]
+                found = closing_radius(rings[k], counts[k], radii, closed, sure, middle[some[k]])
+                scale[some[k]], reach[some[k]] = found
+                middle[some[k]] += points[centre]
+                if found[1] < np.inf:
+                    widest = max(widest, found[1] + from_centre[starts[k]])
+    for v in ball:
+        place[v] = -1
+    return 1.2 * widest
 
 
 @njit(cache=True, nogil=True)
@@ -91,16 +278,21 @@ def spread_minimum(
     lengths: FloatArray,
     values: FloatArray,
     slope: float,
-) -> tuple[FloatArray, FloatArray]:
-    """Return min over points l of values_l + slope · geodesic distance, and that distance."""
+) -> tuple[FloatArray, FloatArray, IntArray]:
+    """Return min over points l of values_l + slope · geodesic distance, that distance, and l.
+
+    l is -1 where no value reaches.
+    """
     n = len(values)
     result = values.copy()
     carried = np.zeros(n)
+    origin = np.full(n, -1)
     keys = np.empty(len(indices) + n + 1)
     heap = np.empty(len(indices) + n + 1, np.int64)
     size = 0
     for v in range(n):
         if values[v] < np.inf:
+            origin[v] = v
             size = heap_push(keys, heap, size, values[v], v)
     while size > 0:
         near, v = keys[0], heap[0]
@@ -113,5 +305,6 @@ def spread_minimum(
             if far < result[u]:
                 result[u] = far
                 carried[u] = carried[v] + lengths[k]
+                origin[u] = origin[v]
                 size = heap_push(keys, heap, size, far, u)
-    return result, carried
+    return result, carried, origin

@@ -1,0 +1,1 @@
+"""How fast: ratios to peers measured in turn in one run, growth, bandwidth and start-up."""
