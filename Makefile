@@ -11,13 +11,15 @@ SYSTEM := libusb-1.0-0 libegl1 libgl1 libx11-6 libudev1 libidn2-0 libgomp1
 PACKAGING := pyproject.toml
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-viewer lint docs package clean bench-topology bench-speed \
-  bench-stream bench-stream-live
+.PHONY: help demo test test-viewer test-ros2 test-dora lint docs package clean bench-topology \
+  bench-speed bench-stream bench-stream-live
 
 help:
 	@echo 'make demo            set up, and run the main job on a cloud of its own: out/demo'
 	@echo 'make test            set up, and run every check'
 	@echo 'make test-viewer     set up, and try the live page in a real browser'
+	@echo 'make test-ros2       the ROS 2 node, in an environment of its own'
+	@echo 'make test-dora       dora dataflows, in an environment of their own'
 	@echo 'make lint            the checks without the tests'
 	@echo 'make docs            build the documentation: build/site'
 	@echo 'make package         build wheel and sdist, and use them under every Python there is'
@@ -31,11 +33,18 @@ demo: $(VENV)/.demo
 	$(BIN)/mdcs demo -o out/demo
 
 test: lint
-	$(BIN)/python -m pytest --cov --cov-branch --cov-report=term --cov-fail-under=90
+	$(BIN)/python -m pytest -n $(JOBS) --cov --cov-branch --cov-report=term --cov-fail-under=90
 
 test-viewer: $(VENV)/.viewer
 	$(BIN)/python -m pytest tests/test_viewer_parts.py tests/test_viewer_page.py \
 	  tests/test_viewer_browser.py
+
+# Its wheels start each Python of their environment anew, so it is none of ours.
+test-ros2: $(VENV)-ros2/.ros2
+	$(VENV)-ros2/bin/python -m pytest tests/ros2 tests/test_nodes.py
+
+test-dora: $(VENV)-dora/.dora
+	$(VENV)-dora/bin/python -m pytest tests/dataflow
 
 lint: $(VENV)/.test
 	$(BIN)/ruff check .
@@ -63,7 +72,8 @@ bench-speed: $(VENV)/.test
 	$(BIN)/python -m benchmarks.speed --readme
 
 clean:
-	rm -rf .venv build dist out docs/figures *.egg-info .coverage .pytest_cache .mypy_cache .ruff_cache \
+	rm -rf .venv .venv-ros2 .venv-dora build dist out docs/figures *.egg-info .coverage .coverage.* \
+	  .pytest_cache .mypy_cache .ruff_cache \
 	  .hypothesis .import_linter_cache
 	find mdcs_pipeline nodes configs tests benchmarks -name __pycache__ -prune -exec rm -rf {} +
 
@@ -79,6 +89,11 @@ $(VENV)/.venv:
 	rm -rf $(VENV)
 	$(PYTHON) -m venv $(VENV)
 	$(PIP) install --upgrade pip
+	@touch $@
+
+$(VENV)-ros2/.ros2 $(VENV)-dora/.dora: $(PACKAGING)
+	$(MAKE) VENV=$(@D) $(@D)/.venv
+	$(@D)/bin/python -m pip --disable-pip-version-check -q install -e '.[$(patsubst .%,%,$(@F)),test]'
 	@touch $@
 
 $(VENV)/.demo: $(PACKAGING) | $(VENV)/.venv

@@ -20,6 +20,7 @@ from mdcs_pipeline.document import (
 from mdcs_pipeline.errors import ConfigError, suggestion
 from mdcs_pipeline.overrides import override_spec, parse_override
 from mdcs_pipeline.spec import (
+    MAIN_HOST,
     FeedbackSpec,
     PipelineSpec,
     Ref,
@@ -43,9 +44,11 @@ __all__ = [
 ]
 
 PIPELINE_KEYS = ("name", "description", "sources", "stages", "results")
-STAGE_KEYS = ("stage", "inputs", "feedback", "settings")
+STAGE_KEYS = ("stage", "inputs", "feedback", "settings", "host")
 RESERVED = ("sources", "results")
 NAME_PATTERN = r"[A-Za-z_][A-Za-z0-9_-]*"
+# Hosts become names of topics and nodes in other runtimes.
+HOST_PATTERN = r"[A-Za-z][A-Za-z0-9_]*"
 
 
 def config_names() -> list[str]:
@@ -195,6 +198,18 @@ def _stage(name: str, branch: Branch) -> StageSpec:
         },
         settings={key: held.plain() for key, held in settings.items()},
         setting_places={key: held.place for key, held in settings.items()},
+        host=_host(entries["host"], what) if "host" in entries else MAIN_HOST,
+    )
+
+
+def _host(branch: Branch, what: str) -> str:
+    name = text_of(branch, f"'host' of {what}")
+    if re.fullmatch(HOST_PATTERN, name):
+        return name
+    raise ConfigError(
+        f"'{name}' cannot be the host of {what}",
+        where=str(branch.place),
+        remedy="use letters, digits and _, and begin with a letter",
     )
 
 

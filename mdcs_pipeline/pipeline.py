@@ -113,7 +113,7 @@ class Pipeline:
         StageError
             If a stage fails, or the graph has no such result.
         """
-        result = self._result_name()
+        result = result_name(self.graph)
         given = {**self._by_source(points), **more_sources}
         record = self._run(given, Header(frame_id, stamp_ns, self._pushes))
         skeleton: Skeleton = record.results[result]
@@ -138,16 +138,6 @@ class Pipeline:
         """
         return self._run(sources, Header(seq=self._pushes))
 
-    def _result_name(self) -> str:
-        results = self.graph.spec.results
-        if RESULT in results or len(results) == 1:
-            return RESULT if RESULT in results else next(iter(results))
-        raise StageError(
-            f"the pipeline '{self.graph.spec.name}' has no result called '{RESULT}'",
-            received=", ".join(results) or "no results",
-            remedy="take the results of run(), or call one of them skeleton",
-        )
-
     def _by_source(self, points: Any) -> dict[str, Any]:
         sources = list(self.graph.spec.sources)
         if points is None:
@@ -171,7 +161,7 @@ class Pipeline:
         clouds = {name: self._cloud(name, points, header) for name, points in given.items()}
         record = self._runner.run(clouds)
         dropped = sum(cloud.dropped for cloud in clouds.values())
-        results = {k: _with_record(v, record, dropped) for k, v in record.results.items()}
+        results = {k: recorded(v, record, dropped) for k, v in record.results.items()}
         self.last = replace(record, results=results)
         self._pushes += 1
         return self.last
@@ -183,7 +173,26 @@ class Pipeline:
             raise error.located(f"source '{name}'") from error
 
 
-def _with_record(result: Any, record: RunRecord, dropped: int) -> Any:
+def result_name(graph: Graph) -> str:
+    """Return the name of the result that is the pipeline's skeleton.
+
+    Raises
+    ------
+    StageError
+        If none is called so and there are several.
+    """
+    results = graph.spec.results
+    if RESULT in results or len(results) == 1:
+        return RESULT if RESULT in results else next(iter(results))
+    raise StageError(
+        f"the pipeline '{graph.spec.name}' has no result called '{RESULT}'",
+        received=", ".join(results) or "no results",
+        remedy="take the results of run(), or call one of them skeleton",
+    )
+
+
+def recorded(result: Any, record: RunRecord, dropped: int) -> Any:
+    """Return a result with what its run says of it in the diagnostics, if it is a skeleton."""
     if not isinstance(result, Skeleton):
         return result
     run = {

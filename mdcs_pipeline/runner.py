@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, get_origin
 
-from mdcs_pipeline.checks import SOURCES, Edge, Ports, type_name
+from mdcs_pipeline.checks import SOURCES, type_name
 from mdcs_pipeline.errors import InputError, MdcsError, StageError, suggestion
 from mdcs_pipeline.graph import Graph
 from mdcs_pipeline.hooks import Hook, StageEvent, figures_of, notify
+from mdcs_pipeline.run_state import RunState, Token, leads_of
 from mdcs_pipeline.stage import Port, Stage
 
 
@@ -39,37 +40,6 @@ class RunRecord:
     seconds: dict[str, float]
 
 
-@dataclass
-class _Desk:
-    """What lies at one stage's inputs: the latest value from each edge's port."""
-
-    ports: Ports
-    slots: dict[str, list[Any]]
-    fresh: bool
-
-    def ready(self) -> bool:
-        waiting = (s for n, s in self.slots.items() if not self.ports.inputs[n].optional)
-        return self.fresh and all(value is not None for slot in waiting for value in slot)
-
-    def take(self) -> dict[str, Any]:
-        self.fresh = False
-        many = {name for name, port in self.ports.inputs.items() if port.many}
-        # Empty optional ports are passed as None: they need not have a default.
-        return {n: tuple(slot) if n in many else slot[0] for n, slot in self.slots.items()}
-
-
-@dataclass
-class _Frame:
-    """All that one run changes."""
-
-    desks: dict[str, _Desk]
-    rounds: dict[str, int]
-    firings: dict[str, int]
-    seconds: dict[str, float]
-    latest: dict[tuple[str, str], Any] = field(default_factory=dict)
-    exhausted: list[str] = field(default_factory=list)
-
-
 class Runner:
     """Runs a graph, one frame after another.
 
@@ -87,12 +57,9 @@ class Runner:
     def __init__(self, graph: Graph, hooks: Sequence[Hook] = ()) -> None:
         self.graph = graph
         self.hooks = tuple(hooks)
+        self._leads = leads_of(graph)
         self.states: dict[type[Any], Any] = {}
         self.reset()
-        self._leads = {
-            (origin, port): [e for e in graph.edges if (e.origin, e.output.name) == (origin, port)]
-            for origin, port in {(e.origin, e.output.name) for e in graph.edges}
-        }
 
     def reset(self) -> None:
         """Begin anew: the stages forget all frames so far."""
@@ -123,51 +90,32 @@ class Runner:
         given = dict(inputs or {})
         check_sources(given, self.graph)
         notify(self.hooks, "run_started", self.graph)
-        frame = self._frame()
+        frame = self.frame()
         for source, value in given.items():
-            self._put(f"{SOURCES}.{source}", source, value, frame)
-        while (name := self._next(frame)) is not None:
-            self._fire(name, frame)
-        record = RunRecord(
-            results={key: self._result(key, frame) for key in self.graph.spec.results},
-            rounds=frame.rounds,
-            exhausted=tuple(frame.exhausted),
-            firings=frame.firings,
-            seconds=frame.seconds,
-        )
+            frame.put(f"{SOURCES}.{source}", source, value)
+        while (name := frame.next()) is not None:
+            self.fire(name, frame)
+        record = record_of(frame, {key: frame.result(key).value for key in self.graph.spec.results})
         notify(self.hooks, "run_finished", record)
         return record
 
-    def _frame(self) -> _Frame:
-        graph = self.graph
-        desks = {}
-        for name, stage in graph.spec.stages.items():
-            ports = graph.ports[name]
-            slots = {n: [None] * max(len(stage.inputs.get(n, ())), 1) for n in ports.inputs}
-            desks[name] = _Desk(ports, slots, fresh=not ports.inputs)
-        return _Frame(
-            desks=desks,
-            rounds={edge.name: 0 for edge in graph.edges if edge.feedback},
-            firings=dict.fromkeys(graph.order, 0),
-            seconds=dict.fromkeys(graph.order, 0.0),
-        )
+    def frame(self) -> RunState:
+        """Return the state of a run that is to begin."""
+        return RunState(self.graph, self._leads)
 
-    def _next(self, frame: _Frame) -> str | None:
-        return next((name for name in self.graph.order if frame.desks[name].ready()), None)
-
-    def _fire(self, name: str, frame: _Frame) -> None:
-        inputs = frame.desks[name].take()
-        frame.firings[name] += 1
+    def fire(self, name: str, frame: RunState) -> list[Token]:
+        """Fire one stage, lay its outputs where they lead, and return them."""
+        inputs = frame.take(name)
         notify(self.hooks, "stage_started", name, frame.firings[name])
         began = time.perf_counter()
         outputs = self._call(name, inputs)
         seconds = time.perf_counter() - began
         frame.seconds[name] += seconds
-        for port, value in outputs.items():
-            self._put(name, port, value, frame)
+        put = [frame.put(name, port, value) for port, value in outputs.items()]
         if self.hooks:
             event = StageEvent(name, frame.firings[name], seconds, figures_of(outputs))
             notify(self.hooks, "stage_finished", event)
+        return [token for token in put if token is not None]
 
     def _call(self, name: str, inputs: dict[str, Any]) -> dict[str, Any]:
         where = f"stage '{name}' ({self.graph.spec.stages[name].place})"
@@ -191,29 +139,16 @@ class Runner:
             else stage(**inputs, state=self.states[stage.State])
         )
 
-    def _put(self, origin: str, port: str, value: Any, frame: _Frame) -> None:
-        if value is None:
-            return
-        frame.latest[origin, port] = value
-        for edge in self._leads.get((origin, port), ()):
-            if edge.feedback and not _within_bound(edge, frame):
-                continue
-            desk = frame.desks[edge.target]
-            desk.slots[edge.input.name][edge.slot] = value
-            desk.fresh = True
 
-    def _result(self, name: str, frame: _Frame) -> Any:
-        ref = self.graph.spec.results[name]
-        key = (str(ref) if ref.stage == SOURCES else ref.stage, ref.port)
-        if key in frame.latest:
-            return frame.latest[key]
-        idle = [stage for stage, count in frame.firings.items() if not count]
-        raise StageError(
-            f"the result '{name}' did not come about: nothing left {ref}",
-            where=str(ref.place),
-            received="never fired: " + (", ".join(idle) or "none; an output stayed empty"),
-            remedy="see which stage before it gave no output",
-        )
+def record_of(frame: RunState, results: dict[str, Any]) -> RunRecord:
+    """Return the record of a run that has ended."""
+    return RunRecord(
+        results=results,
+        rounds=frame.rounds,
+        exhausted=tuple(frame.exhausted),
+        firings=frame.firings,
+        seconds=frame.seconds,
+    )
 
 
 def check_sources(given: Mapping[str, Any], graph: Graph) -> None:
@@ -233,15 +168,6 @@ def check_sources(given: Mapping[str, Any], graph: Graph) -> None:
                 received=", ".join(given) or None,
                 remedy="give points for each source of the pipeline",
             )
-
-
-def _within_bound(edge: Edge, frame: _Frame) -> bool:
-    if frame.rounds[edge.name] == edge.max_rounds:
-        if edge.name not in frame.exhausted:
-            frame.exhausted.append(edge.name)
-        return False
-    frame.rounds[edge.name] += 1
-    return True
 
 
 def _checked(returned: Any, ports: Mapping[str, Port], where: str) -> Iterator[tuple[str, Any]]:

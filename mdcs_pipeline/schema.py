@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from mdcs_pipeline.checks import type_name
-from mdcs_pipeline.config import NAME_PATTERN, PIPELINE_KEYS, RESERVED
-from mdcs_pipeline.spec import NONFINITE
+from mdcs_pipeline.config import HOST_PATTERN, NAME_PATTERN, PIPELINE_KEYS, RESERVED
+from mdcs_pipeline.spec import MAIN_HOST, NONFINITE
 from mdcs_pipeline.stage import Stage, input_ports, stage_class, stage_names
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
@@ -122,6 +122,12 @@ def _stage(names: list[str]) -> dict[str, Any]:
                 "additionalProperties": {"anyOf": [back, {"type": "array", "items": back}]},
             },
             "settings": {"type": ["object", "null"]},
+            "host": {
+                "type": "string",
+                "pattern": f"^{HOST_PATTERN}$",
+                "default": MAIN_HOST,
+                "description": "Process that runs the stage where the graph is cut.",
+            },
         },
         "additionalProperties": False,
         "allOf": [

@@ -9,6 +9,8 @@ from mdcs_pipeline.document import Place
 from mdcs_pipeline.errors import ConfigError, suggestion
 
 Nonfinite = Literal["drop", "refuse"]
+# Of stages that name no other.
+MAIN_HOST = "main"
 NONFINITE: tuple[Nonfinite, ...] = ("drop", "refuse")
 
 
@@ -61,6 +63,8 @@ class StageSpec:
         As written; validated when the graph is built.
     setting_places : dict of Place
         Where each of them was written.
+    host : str
+        Process that runs it where a graph is cut; of no account within one process.
     """
 
     name: str
@@ -70,6 +74,7 @@ class StageSpec:
     feedback: dict[str, tuple[FeedbackSpec, ...]] = field(default_factory=dict)
     settings: dict[str, Any] = field(default_factory=dict)
     setting_places: dict[str, Place] = field(default_factory=dict)
+    host: str = MAIN_HOST
 
 
 @dataclass(frozen=True)

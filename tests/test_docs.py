@@ -24,11 +24,13 @@ else:
 ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
 PAGES = sorted(str(path.relative_to(DOCS)) for path in DOCS.rglob("*.md"))
-LANGUAGES = {"python", "sh", "yaml", "toml"}
+# Text is not run: layouts, and commands that need ROS, dora or several machines.
+LANGUAGES = {"python", "sh", "yaml", "toml", "text"}
 BLOCK = re.compile(r'^```(\w*)(?: title="([\w.-]+)")?\n(.*?)^```$', re.DOTALL | re.MULTILINE)
 NEEDS = {
     "howto/open3d.md": ("open3d",),
     "howto/bags.md": ("rosbags",),
+    "wire.md": ("pyarrow",),
     "howto/measure.md": ("open3d", "matplotlib", "k3d"),
 }
 

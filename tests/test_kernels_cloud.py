@@ -504,13 +504,15 @@ def test_values_spread_along_geodesics(plain):
     values[[3, 30, 41]] = [0.5, 0.1, 0.9]
     way = sparse.csgraph.dijkstra(graph, indices=[3, 30, 41])
     every = np.array([0.5, 0.1, 0.9])[:, None] + 0.7 * way
-    found, carried = (spread_minimum.py_func if plain else spread_minimum)(
+    found, carried, origin = (spread_minimum.py_func if plain else spread_minimum)(
         graph.indptr, graph.indices, graph.data, values, 0.7
     )
     np.testing.assert_allclose(found, every.min(axis=0))
     reached = np.isfinite(found)
     best = way[every.argmin(axis=0), np.arange(60)]
     np.testing.assert_allclose(carried[reached], best[reached], atol=1e-12)
+    wanted = np.array([3, 30, 41])[every.argmin(axis=0)]
+    np.testing.assert_array_equal(origin, np.where(reached, wanted, -1))
 
 
 @BOTH
@@ -520,10 +522,10 @@ def test_a_patch_closes_at_the_first_radius_that_its_variance_allows(plain):
     points, mass = tube(axis, 0.1, 300, rng), random_mass(rng, 300)
     graph = surface_graph(points, 8, 0).graph
     sources, radii = np.array([0, 100, 200]), np.geomspace(0.1, 1.5, 12)
-    scale, reach = (closing_patches.py_func if plain else closing_patches)(
+    scale, reach, centre = (closing_patches.py_func if plain else closing_patches)(
         graph.indptr, graph.indices, graph.data, points, mass, sources, radii, 0.06
     )
-    for source, found, radius in zip(sources, scale, reach, strict=True):
+    for source, found, radius, mid in zip(sources, scale, reach, centre, strict=True):
         away = sparse.csgraph.dijkstra(graph, indices=source)
         for s in radii[radii < away.max()]:
             ball = away <= s
@@ -534,8 +536,9 @@ def test_a_patch_closes_at_the_first_radius_that_its_variance_allows(plain):
                 break
         else:
             assert radius == np.inf
-            middle = np.linalg.eigvalsh(np.cov(points.T, aweights=mass, ddof=0))[1]
+            middle, ball = np.linalg.eigvalsh(np.cov(points.T, aweights=mass, ddof=0))[1], mass > 0
         assert found == pytest.approx(np.sqrt(2 * middle))
+        np.testing.assert_allclose(mid, np.average(points[ball], axis=0, weights=mass[ball]))
 
 
 @BOTH
@@ -543,12 +546,13 @@ def test_a_patch_that_never_closes_takes_the_whole_part(plain):
     rng = np.random.default_rng(0)
     points = np.column_stack([rng.uniform(0, 1, (150, 2)), np.zeros(150)])
     graph, mass = surface_graph(points, 8, 0).graph, np.full(150, 1 / 150)
-    scale, reach = (closing_patches.py_func if plain else closing_patches)(
+    scale, reach, centre = (closing_patches.py_func if plain else closing_patches)(
         graph.indptr, graph.indices, graph.data, points, mass,
         np.array([7]), np.geomspace(0.2, 0.6, 8), 0.01,
     )  # fmt: skip
     assert reach[0] == np.inf
     assert scale[0] == pytest.approx(np.sqrt(2 * np.linalg.eigvalsh(np.cov(points.T, ddof=0))[1]))
+    np.testing.assert_allclose(centre[0], points.mean(axis=0), atol=1e-12)
 
 
 @BOTH

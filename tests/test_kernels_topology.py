@@ -15,7 +15,6 @@ from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
 from mdcs_pipeline.kernels import assignment
-from mdcs_pipeline.kernels.bridging import BridgeRule, End, bridges, open_ends, stretched
 from mdcs_pipeline.kernels.compiled.shares import top_shares
 from mdcs_pipeline.kernels.contact import contacts, relative_contact
 from mdcs_pipeline.kernels.cycles import neighbour_sets, on_cycles, short_cycles, strip_branches
@@ -32,7 +31,7 @@ from mdcs_pipeline.kernels.links import (
 from mdcs_pipeline.kernels.merging import close_pairs, inherited, merge, merging_pairs
 from mdcs_pipeline.kernels.nerve import filled_triangles, open_triangles
 from mdcs_pipeline.kernels.seeding import spread_points
-from mdcs_pipeline.kernels.separation import Rings, false_loops, surroundings
+from mdcs_pipeline.kernels.separation import Rings, contracted, false_loops, surroundings
 from mdcs_pipeline.kernels.sinkhorn import Accuracy, Problem, solve_free
 from mdcs_pipeline.kernels.spanning import piece_labels, spanning_links
 from mdcs_pipeline.kernels.surface import surface_graph
@@ -691,106 +690,18 @@ def test_contacts_count_the_neighbours_across():
     assert relative_contact(found, NONE).shape == (0,)
 
 
-# ---------------------------------------------------------------------------------- bridging
-
-
-def cut_line(low: float, high: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A capsule without its part from `low` to `high`: points, nodes, and the edges left."""
-    shape = line(3000)
-    x = shape.points[:, 0]
-    points = shape.points[(x < low) | (x > high)]
-    kept = (shape.nodes[:, 0] < low) | (shape.nodes[:, 0] > high)
-    edges = shape.edges[kept[shape.edges].all(axis=1)]
-    return points, shape.nodes[kept], (np.cumsum(kept) - 1)[edges]
-
-
-def ends_of(points: np.ndarray, nodes: np.ndarray, edges: np.ndarray) -> list[End]:
-    scale = np.full(len(nodes), 0.1)
-    return open_ends(nodes, scale, edges, points, nearest_node(points, nodes))
-
-
-def test_a_capped_end_is_closed_and_a_cut_one_is_open():
-    points, nodes, edges = cut_line(0.41, 0.64)
-    ends = ends_of(points, nodes, edges)
-    place = {round(float(end.place[0]), 2): end for end in ends}
-    assert sorted(place) == [0.0, 0.4, 0.65, 1.0]
-    for x, outward in ((0.0, -1.0), (0.4, 1.0), (0.65, -1.0), (1.0, 1.0)):
-        np.testing.assert_allclose(place[x].outward, [outward, 0, 0], atol=1e-12)
-    for x in (0.4, 0.65):
-        assert place[x].radius == pytest.approx(0.1, rel=0.05)
-        assert place[x].openness == pytest.approx(1.0, abs=0.05)
-        assert place[1.0].openness < place[x].openness
-        assert place[0.0].openness < place[x].openness
-
-
-def test_the_two_sides_of_a_hole_are_bridged():
-    points, nodes, edges = cut_line(0.41, 0.64)
-    ends = ends_of(points, nodes, edges)
-    built = bridges(nodes, edges, ends, BridgeRule(openness=0.9))
-    assert nodes[built[0], 0].tolist() == pytest.approx([0.4, 0.65])
-    assert len(built) == 1
-    # Too far, in radii.
-    short = BridgeRule(openness=0.9, reach=2.0)
-    assert bridges(nodes, edges, ends, short).shape == (0, 2)
-
-
-def end(node: int, place, outward, radius: float = 0.1, openness: float = 1.0) -> End:
-    outward = np.array(outward, float) / np.linalg.norm(outward)
-    return End(node, np.array(place, float), outward, radius, openness, radius)
-
-
-def bridged(ends: list[End], extra=(), rule: BridgeRule | None = None) -> list[list[int]]:
-    """Bridges between ends that are each a piece of their own."""
-    nodes = np.array([e.place for e in ends] + [list(map(float, p)) for p in extra])
-    return bridges(nodes, NONE, ends, rule or BridgeRule(aim=0.99)).tolist()
-
-
-def test_only_open_ends_of_like_radius_that_face_each_other_are_joined():
-    right, left = [1, 0, 0], [-1, 0, 0]
-    near = [0.5, 0, 0]
-    assert bridged([end(0, [0, 0, 0], right), end(1, near, left)]) == [[0, 1]]
-    for other in (
-        end(1, near, left, openness=0.3),
-        end(1, near, right),
-        end(1, near, left, radius=0.3),
-        end(1, [2, 0, 0], left),
-        end(1, [0, 0, 0], left),
-    ):
-        # The aim at other pieces is off: what is left is the meeting of two ends.
-        never = BridgeRule(aim=2.0)
-        assert bridged([end(0, [0, 0, 0], right), other], rule=never) == []
-
-
-def test_the_best_bridge_goes_first_and_each_end_has_one():
-    ends = [
-        end(0, [0, 0, 0], [1, 0, 0]),
-        end(1, [0.4, 0, 0], [-1, 0, 0]),
-        end(2, [0.6, 0.1, 0], [-1, 0, 0]),
-    ]
-    assert bridged(ends, rule=BridgeRule(aim=2.0)) == [[0, 1]]
-
-
-def test_an_open_end_that_is_left_aims_at_another_piece():
-    ends = [end(0, [0, 0, 0], [1, 0, 0])]
-    extra = [[0.5, 0.02, 0], [0.3, 0.3, 0], [0.8, 0, 0], [-0.1, 0, 0]]
-    assert bridged(ends, extra) == [[0, 1]]
-    assert bridged(ends, [[5, 0, 0], [-0.2, 0, 0]]) == []
-
-
-def test_an_end_without_points_or_length_is_none():
-    points, nodes, edges = cut_line(0.41, 0.64)
-    flat = np.zeros((2, 3))
-    owner = np.zeros(len(points), np.int64)
-    assert open_ends(flat, np.ones(2), np.array([[0, 1]]), points, owner) == []
-    few = open_ends(nodes, np.full(len(nodes), 0.1), edges, points[:3], owner[:3])
-    assert few == []
-
-
-def test_ends_are_stretched_to_one_radius_before_the_tip():
-    nodes = np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0]])
-    ends = [
-        end(0, nodes[0], [-1, 0, 0])._replace(extent=0.4),
-        end(2, nodes[2], [1, 0, 0])._replace(extent=0.05),
-    ]
-    wanted = [[-0.3, 0, 0], [1, 0, 0], [2, 0, 0]]
-    np.testing.assert_allclose(stretched(nodes, ends), wanted, atol=1e-12)
+def test_false_loops_shrink_to_a_point_and_true_ones_stay():
+    # A sheet of points is walked around everywhere: its loop of four is a disc.
+    x, y = np.meshgrid(np.arange(12.0), np.arange(12.0))
+    sheet = np.column_stack([x.ravel(), y.ravel(), np.zeros(144)])
+    nodes = np.array([[2.5, 2.5, 0], [8.5, 2.5, 0], [8.5, 8.5, 0], [2.5, 8.5, 0]])
+    pairs = np.array([[0, 1], [1, 2], [2, 3], [0, 3]])
+    graph = surface_graph(sheet, 8, 0).graph
+    found = contracted(4, pairs, graph, nearest_node(sheet, nodes), 3, 0.3, 0.5)
+    assert found.tolist() == [0, 0, 0, 0]
+    # The nodes of a ring cut it in two wherever they stand.
+    angle = np.arange(120) * 2 * np.pi / 120
+    ring = np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
+    graph = surface_graph(ring, 2, 0).graph
+    owner = np.arange(120) // 30
+    assert contracted(4, pairs, graph, owner, 3, 0.3, 0.5).tolist() == [0, 1, 2, 3]

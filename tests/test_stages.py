@@ -531,13 +531,17 @@ def test_smoothing_straightens_a_bent_chain(rod: Rod) -> None:
     assert bend(0.9) < 0.8 * bend(0.0)
 
 
-def test_smooth_without_edges_keeps_a_lone_node(rod: Rod) -> None:
-    plan = plan_to(rod.cloud, np.zeros((1, 3)))
-    rough = RoughSkeleton(plan, np.empty((0, 2), np.int64), np.ones(1, bool))
-    found = Smooth()(rod.cloud, rough).skeleton
-    assert found.summary()["nodes"] == 1
+def test_smooth_keeps_a_lone_node_of_a_ball_and_makes_a_segment_of_a_rod(rod: Rod) -> None:
+    none, skeletal = np.empty((0, 2), np.int64), np.ones(1, bool)
+    ball = Density()(PointCloud(shapes.ball(900))).cloud
+    found = Smooth()(ball, RoughSkeleton(plan_to(ball, np.zeros((1, 3))), none, skeletal)).skeleton
+    assert (len(found.nodes), len(found.edges)) == (1, 0)
     assert found.mass.tolist() == [1.0]
-    np.testing.assert_allclose(found.nodes[0], rod.points.positions.mean(axis=0), atol=0.02)
+    assert np.linalg.norm(found.nodes[0]) < 0.05
+    plan = plan_to(rod.cloud, np.zeros((1, 3)))
+    found = Smooth()(rod.cloud, RoughSkeleton(plan, none, skeletal)).skeleton
+    assert (found.summary()["components"], found.summary()["leaves"]) == (1, 2)
+    assert found.mass.sum() == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize("over_thickness", [True, False])

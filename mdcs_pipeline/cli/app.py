@@ -12,6 +12,7 @@ from typer.core import TyperGroup
 from mdcs_pipeline.cli.configs import configs
 from mdcs_pipeline.cli.console import prepare_streams, say
 from mdcs_pipeline.cli.demo import demo
+from mdcs_pipeline.cli.export import export
 from mdcs_pipeline.cli.graph import graph
 from mdcs_pipeline.cli.guard import Mode, guarded
 from mdcs_pipeline.cli.info import info
@@ -105,3 +106,4 @@ _COMMANDS = (
 )  # fmt: skip
 for command in _COMMANDS:
     app.command()(command)
+app.add_typer(export, name="export")

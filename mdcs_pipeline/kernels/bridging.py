@@ -1,4 +1,4 @@
-"""Bridges over holes: cut ends are joined to each other, or to the rim that they face."""
+"""Bridges over holes: cut ends are joined to each other, or to the limb that they aim at."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from mdcs_pipeline.kernels.spanning import piece_labels
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 
 class BridgeRule(NamedTuple):
@@ -27,9 +26,9 @@ class BridgeRule(NamedTuple):
     facing : float
         Least cosine between an end's direction and the bridge, for two open ends.
     aim : float
-        The same for an open end that meets a rim of another piece.
+        The same for an open end that meets a node of another piece.
     aim_within : float
-        The same for a rim of its own piece: it closes a loop.
+        The same for a node of its own piece: it closes a loop.
     ratio : float
         Largest ratio of the two ends' radii.
     crowd : float
@@ -57,15 +56,12 @@ class Shore(NamedTuple):
     points : (n, 3) float64
     owner : (n,) int64
         Node of each point.
-    rim : (n,) bool
-        Points on a rim.
     """
 
     nodes: FloatArray
     scale: FloatArray
     points: FloatArray
     owner: IntArray
-    rim: BoolArray
 
     def pierced(self, end: End, goal: FloatArray, crowd: float) -> bool:
         """Return whether the way from an end to `goal` leads through the surface.
@@ -88,8 +84,9 @@ def bridges(pairs: IntArray, ends: list[End], shore: Shore, rule: BridgeRule) ->
 
     Two open ends are joined when each lies ahead of the other, best first, each end once. One
     that is left over is joined to an end that it faces, taken or not: where a junction of
-    three limbs is missing; or to a node of another piece whose rim faces it: where a limb was
-    cut off at its root. Bridges that cross are tied together: where a crossing is missing.
+    three limbs is missing; or to any node that it aims at: where a limb was cut off at its root.
+    No bridge leads through the surface, so that both its ends are open to it. Bridges that cross
+    are tied together: where a crossing is missing.
 
     Parameters
     ----------

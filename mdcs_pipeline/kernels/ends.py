@@ -114,15 +114,17 @@ def _end(
     extent = float(np.quantile(along, 0.97))
     outermost = along > extent - 0.7 * radius
     openness = 0.0 if rim is None else float(np.mean(rim[mine[outermost]]))
-    rimward = np.zeros(3) if rim is None else _towards(offset[rim[mine] & (along > 0)])
+    rimward = np.zeros(3)
+    if rim is not None:
+        rimward = _towards(offset[rim[mine] & (along > 0.1 * radius)], 0.25 * radius)
     return End(node, place, outward, radius, openness, extent, rimward)
 
 
-def _towards(offset: FloatArray) -> FloatArray:
-    """Return the unit vector to the middle of some points, 0 where there are hardly any."""
+def _towards(offset: FloatArray, least: float) -> FloatArray:
+    """Return the unit vector to the middle of some points, 0 where that is hardly anywhere."""
     middle = offset.mean(axis=0) if len(offset) >= 3 else np.zeros(3)
     length = float(np.linalg.norm(middle))
-    return np.asarray(middle / length if length > 0 else middle, dtype=np.float64)
+    return np.asarray(middle / length if length > least else 0.0 * middle, dtype=np.float64)
 
 
 def _lone(node: int, place: FloatArray, points: FloatArray, rim: BoolArray) -> End:

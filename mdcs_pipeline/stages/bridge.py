@@ -78,8 +78,10 @@ class Bridge(Stage[BridgeSettings]):
         nodes, plan = rough.nodes, rough.plan.plan
         owner, points, settings = plan_owners(plan), cloud.positions, self.settings
         free = free_angle(points, nearest(points, settings.neighbours).indices)
-        shore = Shore(nodes.positions, nodes.scale, points, owner, free > settings.gap)
-        ends = limb_ends(nodes.positions, nodes.scale, rough.edges, points, owner, shore.rim)
+        shore = Shore(nodes.positions, nodes.scale, points, owner)
+        ends = limb_ends(
+            nodes.positions, nodes.scale, rough.edges, points, owner, free > settings.gap
+        )
         rule = BridgeRule(**settings.model_dump(exclude={"neighbours", "gap"}))
         built = bridges(rough.edges, ends, shore, rule)
         edges = np.unique(np.concatenate([rough.edges, built]), axis=0)

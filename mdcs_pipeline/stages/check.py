@@ -7,16 +7,15 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field
-from scipy import sparse
 
-from mdcs_pipeline.arrays import BoolArray, IntArray
+from mdcs_pipeline.arrays import BoolArray
 from mdcs_pipeline.errors import InputError
 from mdcs_pipeline.kernels.assignment import plan_owners
-from mdcs_pipeline.kernels.links import unique_pairs
 from mdcs_pipeline.kernels.separation import Rings, contracted, false_loops
 from mdcs_pipeline.kernels.symmetry import asymmetry, false_cycle_nodes
 from mdcs_pipeline.messages import MassCloud, Nodes, RoughSkeleton, Surface, Thickness
 from mdcs_pipeline.stage import Settings, Stage
+from mdcs_pipeline.stages.shrink import gathered
 
 
 class CheckSettings(Settings):
@@ -81,7 +80,8 @@ class Check(Stage[CheckSettings]):
         By symmetry all nodes go back at a larger ε; those of false cycles lose their label.
         By separation ε stays and the radius grows, for the nodes of false loops and the
         points that they own: a loop of nodes on the wall of something thick then meets on
-        its axis.
+        its axis. In the skeleton as it stands each such loop is one node already, for when
+        the rounds are used up.
 
         Raises
         ------
@@ -140,46 +140,6 @@ class Check(Stage[CheckSettings]):
         wider = replace(thickness, radius=thickness.radius * growth[owner])
         back = replace(_sent_back(nodes, false), scale=nodes.scale * growth)
         return Checked(back, wider, accepted)
-
-
-def gathered(rough: RoughSkeleton, into: IntArray) -> RoughSkeleton:
-    """Return the skeleton with nodes made one: masses add, at their centre of mass.
-
-    Parameters
-    ----------
-    rough : RoughSkeleton
-    into : (m,) int64
-        Which node each one becomes, the first of those that become one.
-
-    Returns
-    -------
-    RoughSkeleton
-    """
-    nodes, plan = rough.nodes, rough.plan
-    kept, group = np.unique(into, return_inverse=True)
-    count = len(kept)
-    member = sparse.csr_array((np.ones(len(into)), (np.arange(len(into)), group)))
-    mass = member.T @ nodes.mass
-    # A node that carries nothing still stands somewhere.
-    weight = np.where(mass[group] > 0, nodes.mass, 1.0)
-    places = member.T @ (nodes.positions * weight[:, None]) / (member.T @ weight)[:, None]
-    one = replace(
-        nodes,
-        positions=places,
-        mass=mass,
-        potentials=nodes.potentials[kept],
-        ids=nodes.ids[kept],
-        links=unique_pairs(group[nodes.links]),
-        settled=nodes.settled[kept],
-        fixed=nodes.fixed[kept],
-        beyond=nodes.beyond[kept],
-        scale=np.maximum.reduceat(
-            nodes.scale[np.argsort(group, kind="stable")],
-            np.searchsorted(np.sort(group), np.arange(count)),
-        ),
-    )
-    served = replace(plan, nodes=one, plan=sparse.csr_array(plan.plan @ member))
-    return RoughSkeleton(served, unique_pairs(group[rough.edges]), rough.skeletal[kept])
 
 
 def _sent_back(nodes: Nodes, false: BoolArray) -> Nodes:

@@ -24,10 +24,10 @@ class CleanSettings(Settings):
         1.8, gt=1, description="Radius of a point, in its neighbours' median, from which it goes."
     )
     sparse: float = Field(
-        2.0,
+        4.0,
         gt=1,
         description="Radius of a point, in medians over the cloud, from which it goes if its "
-        "neighbours fill space instead of a surface.",
+        "neighbours fill space instead of a surface. Below `far` it also takes sparse thin limbs.",
     )
     far: float = Field(
         4.0, gt=1, description="Radius of a point, in medians, from which it goes in any case."

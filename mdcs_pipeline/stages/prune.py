@@ -11,7 +11,7 @@ from mdcs_pipeline.kernels.ends import limb_ends
 from mdcs_pipeline.kernels.spurs import shed_spurs
 from mdcs_pipeline.messages import MassCloud, RoughSkeleton
 from mdcs_pipeline.stage import Settings, Stage
-from mdcs_pipeline.stages.check import gathered
+from mdcs_pipeline.stages.shrink import gathered
 
 
 class PruneSettings(Settings):

@@ -1,0 +1,249 @@
+"""Ends, rims, bridges and spurs on shapes with known answers."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from problems import line
+from scipy.spatial.distance import cdist
+
+from mdcs_pipeline.kernels.bridging import BridgeRule, Shore, bridges
+from mdcs_pipeline.kernels.ends import End, limb_ends, lone_segments, stretched
+from mdcs_pipeline.kernels.nearest import nearest
+from mdcs_pipeline.kernels.rims import free_angle
+from mdcs_pipeline.kernels.spurs import shed_spurs
+
+NONE = np.empty((0, 2), np.int64)
+NOWHERE = np.empty((0, 3))
+
+
+def nearest_node(points: np.ndarray, nodes: np.ndarray) -> np.ndarray:
+    return cdist(points, nodes).argmin(axis=1)
+
+
+def cut_line(low: float, high: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A capsule without its part from `low` to `high`: points, nodes, and the edges left."""
+    shape = line(3000)
+    x = shape.points[:, 0]
+    points = shape.points[(x < low) | (x > high)]
+    kept = (shape.nodes[:, 0] < low) | (shape.nodes[:, 0] > high)
+    edges = shape.edges[kept[shape.edges].all(axis=1)]
+    return points, shape.nodes[kept], (np.cumsum(kept) - 1)[edges]
+
+
+def rims(points: np.ndarray) -> np.ndarray:
+    return free_angle(points, nearest(points, 12).indices) > 2.2
+
+
+def ends_of(points: np.ndarray, nodes: np.ndarray, edges: np.ndarray) -> list[End]:
+    scale, owner = np.full(len(nodes), 0.1), nearest_node(points, nodes)
+    return limb_ends(nodes, scale, edges, points, owner, rims(points))
+
+
+def shore_of(points: np.ndarray, nodes: np.ndarray) -> Shore:
+    return Shore(nodes, np.full(len(nodes), 0.1), points, nearest_node(points, nodes))
+
+
+# -------------------------------------------------------------------------------------- rims
+
+
+def test_the_edge_of_a_sheet_is_a_rim_and_its_inside_is_not():
+    x, y = np.meshgrid(np.arange(12.0), np.arange(12.0))
+    jitter = np.random.default_rng(0).normal(scale=0.05, size=(144, 3))
+    points = np.column_stack([x.ravel(), y.ravel(), np.zeros(144)]) + jitter
+    edge = (x.ravel() % 11 == 0) | (y.ravel() % 11 == 0)
+    found = free_angle(points, nearest(points, 8).indices)
+    assert found[edge].min() > 0.8 * np.pi
+    assert found[~edge].max() < 0.6 * np.pi
+
+
+def test_free_angles_turn_with_the_cloud():
+    rng = np.random.default_rng(1)
+    points = rng.normal(size=(80, 3)) * [1, 1, 0.1]
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    indices = nearest(points, 10).indices
+    np.testing.assert_allclose(
+        free_angle(points @ turn + 3.0, indices), free_angle(points, indices), atol=1e-9
+    )
+
+
+# -------------------------------------------------------------------------------------- ends
+
+
+def test_a_capped_end_is_closed_and_a_cut_one_is_open():
+    ends = ends_of(*cut_line(0.41, 0.64))
+    place = {round(float(end.place[0]), 2): end for end in ends}
+    assert sorted(place) == [0.0, 0.4, 0.65, 1.0]
+    for x, outward in ((0.0, -1.0), (0.4, 1.0), (0.65, -1.0), (1.0, 1.0)):
+        np.testing.assert_allclose(place[x].outward, [outward, 0, 0], atol=1e-12)
+    for x in (0.4, 0.65):
+        assert place[x].radius == pytest.approx(0.1, rel=0.05)
+        assert place[x].openness > BridgeRule().openness
+        # The node stands in the middle of its rim, which then points nowhere.
+        assert not place[x].rimward.any()
+    for x in (0.0, 1.0):
+        assert place[x].openness < 0.5 * BridgeRule().openness
+
+
+def test_an_end_without_points_or_length_is_none():
+    points, nodes, edges = cut_line(0.41, 0.64)
+    flat = np.zeros((2, 3))
+    owner = np.zeros(len(points), np.int64)
+    assert limb_ends(flat, np.ones(2), np.array([[0, 1]]), points, owner) == []
+    few = limb_ends(nodes, np.full(len(nodes), 0.1), edges, points[:3], owner[:3])
+    assert few == []
+
+
+def test_a_node_on_its_own_is_an_end_without_direction_where_rims_are_known():
+    points, nodes, _ = cut_line(0.41, 0.64)
+    slab = points[points[:, 0] > 0.64]
+    found = ends_of(slab, nodes[-1:], NONE)
+    assert [end.node for end in found] == [0]
+    assert not found[0].outward.any()
+    assert limb_ends(nodes[-1:], np.ones(1), NONE, slab, np.zeros(len(slab), np.int64)) == []
+
+
+def test_ends_are_stretched_to_one_radius_before_the_tip():
+    nodes = np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0]])
+    ends = [
+        end(0, nodes[0], [-1, 0, 0])._replace(extent=0.4),
+        end(2, nodes[2], [1, 0, 0])._replace(extent=0.05),
+    ]
+    wanted = [[-0.3, 0, 0], [1, 0, 0], [2, 0, 0]]
+    np.testing.assert_allclose(stretched(nodes, ends), wanted, atol=1e-12)
+
+
+def test_a_lone_node_of_a_capsule_is_its_medial_segment_and_that_of_a_ball_none():
+    shape = line(4000)
+    owner = np.zeros(len(shape.points), np.int64)
+    (found,) = lone_segments(np.array([[0.5, 0, 0]]), NONE, shape.points, owner)
+    tips = found.tips[np.argsort(found.tips[:, 0])]
+    np.testing.assert_allclose(tips, [[0, 0, 0], [1, 0, 0]], atol=0.06)
+    ball = np.random.default_rng(0).normal(size=(500, 3))
+    ball /= np.linalg.norm(ball, axis=1, keepdims=True)
+    assert lone_segments(np.zeros((1, 3)), NONE, ball, np.zeros(500, np.int64)) == []
+    # Nodes with edges are left alone.
+    two = np.array([[0.2, 0, 0], [0.8, 0, 0]])
+    assert lone_segments(two, np.array([[0, 1]]), shape.points, owner) == []
+
+
+# ----------------------------------------------------------------------------------- bridges
+
+
+def test_the_two_sides_of_a_hole_are_bridged():
+    points, nodes, edges = cut_line(0.41, 0.64)
+    ends, shore = ends_of(points, nodes, edges), shore_of(points, nodes)
+    built = bridges(edges, ends, shore, BridgeRule())
+    assert nodes[built[0], 0].tolist() == pytest.approx([0.4, 0.65])
+    assert len(built) == 1
+    # Too far, in radii.
+    assert bridges(edges, ends, shore, BridgeRule(reach=1.2)).shape == (0, 2)
+
+
+def test_a_bridge_does_not_lead_through_the_surface():
+    points, nodes, edges = cut_line(0.41, 0.64)
+    ends = ends_of(points, nodes, edges)
+    rng = np.random.default_rng(0)
+    wall = np.column_stack([np.full(900, 0.52), rng.uniform(-0.3, 0.3, (900, 2))])
+    shore = shore_of(points, nodes)._replace(points=np.concatenate([points, wall]))
+    shore = shore._replace(owner=np.append(shore.owner, np.zeros(900, np.int64)))
+    assert bridges(edges, ends, shore, BridgeRule()).shape == (0, 2)
+
+
+def end(node: int, place, outward, radius: float = 0.1, openness: float = 1.0) -> End:
+    outward = np.array(outward, float) / np.linalg.norm(outward)
+    return End(node, np.array(place, float), outward, radius, openness, radius, np.zeros(3))
+
+
+def bridged(
+    ends: list[End], extra=(), rule: BridgeRule | None = None, pairs: np.ndarray = NONE
+) -> list[list[int]]:
+    """Bridges between ends in empty space, each a piece of its own without `pairs`."""
+    nodes = np.array([e.place for e in ends] + [list(map(float, p)) for p in extra])
+    shore = Shore(nodes, np.full(len(nodes), 1e-6), NOWHERE, np.empty(0, np.int64))
+    return bridges(pairs, ends, shore, rule or BridgeRule(aim=0.99)).tolist()
+
+
+def test_only_open_ends_of_like_radius_that_face_each_other_are_joined():
+    right, left = [1, 0, 0], [-1, 0, 0]
+    near = [0.5, 0, 0]
+    # The aim at other pieces is off: what is left is the meeting of two ends.
+    never = BridgeRule(aim=2.0)
+    assert bridged([end(0, [0, 0, 0], right), end(1, near, left)], rule=never) == [[0, 1]]
+    for other in (
+        end(1, near, left, openness=0.1),
+        end(1, near, right),
+        end(1, near, left, radius=0.4),
+        end(1, [2, 0, 0], left),
+        end(1, [0, 0, 0], left),
+    ):
+        assert bridged([end(0, [0, 0, 0], right), other], rule=never) == []
+
+
+def test_the_best_bridge_goes_first_and_each_end_has_one():
+    ends = [
+        end(0, [0, 0, 0], [1, 0, 0]),
+        end(1, [0.4, 0, 0], [-1, 0, 0]),
+        end(2, [0.6, 0.1, 0], [-1, 0, 0]),
+    ]
+    assert bridged(ends, rule=BridgeRule(aim=2.0)) == [[0, 1]]
+
+
+def test_a_junction_of_three_in_a_hole_is_closed():
+    away = [[np.cos(a), np.sin(a), 0.0] for a in (0.0, 2 * np.pi / 3, 4 * np.pi / 3)]
+    ends = [end(k, 0.2 * np.array(d), -np.array(d)) for k, d in enumerate(away)]
+    built = bridged(ends, rule=BridgeRule())
+    assert len(built) == 2
+    assert {i for pair in built for i in pair} == {0, 1, 2}
+
+
+def test_bridges_that_cross_in_a_hole_are_tied():
+    away = np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])
+    ends = [end(k, 0.2 * d, -d) for k, d in enumerate(away)]
+    built = bridged(ends, rule=BridgeRule())
+    assert [0, 1] in built
+    assert [2, 3] in built
+    assert len(built) == 3
+
+
+def test_an_open_end_that_is_left_aims_at_another_piece():
+    ends = [end(0, [0, 0, 0], [1, 0, 0])]
+    extra = [[0.5, 0.02, 0], [0.3, 0.3, 0], [0.8, 0, 0], [-0.1, 0, 0]]
+    assert bridged(ends, extra) == [[0, 1]]
+    assert bridged(ends, [[5, 0, 0], [-0.2, 0, 0]]) == []
+
+
+def test_a_loop_is_closed_only_straight_ahead():
+    ahead, aside = [0.5, 0, 0], [0.4, 0.45, 0]
+    for goal, wanted in ((ahead, [[0, 1]]), (aside, [])):
+        built = bridged(
+            [end(0, [0, 0, 0], [1, 0, 0])], [goal], BridgeRule(), pairs=np.array([[0, 1]])
+        )
+        assert built == wanted
+
+
+# ------------------------------------------------------------------------------------- spurs
+
+
+def fork(length: float) -> tuple[np.ndarray, np.ndarray, list[End]]:
+    """A limb along x of radius 1 with a short end at its middle node, and all of its ends."""
+    nodes = np.array([[-3.0, 0, 0], [0, 0, 0], [3, 0, 0], [0, length, 0]])
+    pairs = np.array([[0, 1], [1, 2], [1, 3]])
+    ends = [
+        end(0, nodes[0], [-1, 0, 0])._replace(extent=1.0),
+        end(2, nodes[2], [1, 0, 0])._replace(extent=1.0),
+        end(3, nodes[3], [0, 1, 0])._replace(extent=0.3),
+    ]
+    return nodes, pairs, ends
+
+
+def test_an_end_within_the_thickness_of_its_junction_is_shed():
+    for length, wanted in ((0.7, [0, 1, 2, 1]), (2.0, [0, 1, 2, 3])):
+        nodes, pairs, ends = fork(length)
+        assert shed_spurs(nodes, np.ones(4), pairs, ends, 1.2).tolist() == wanted
+
+
+def test_the_last_branches_of_a_junction_are_never_shed():
+    nodes, pairs, ends = fork(0.7)
+    # All three ends are short of five radii: the shortest goes, and then there is no junction.
+    assert shed_spurs(nodes, np.ones(4), pairs, ends, 5.0).tolist() == [0, 1, 2, 1]
