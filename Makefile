@@ -12,7 +12,7 @@ PACKAGING := pyproject.toml
 
 .DEFAULT_GOAL := help
 .PHONY: help demo test test-viewer test-ros2 test-dora lint docs package clean bench-topology \
-  bench-speed
+  bench-speed bench-stream bench-stream-live
 
 help:
 	@echo 'make demo            set up, and run the main job on a cloud of its own: out/demo'
@@ -24,6 +24,8 @@ help:
 	@echo 'make docs            build the documentation: build/site'
 	@echo 'make package         build wheel and sdist, and use them under every Python there is'
 	@echo 'make bench-topology  all of the topology benchmark (hours)'
+	@echo 'make bench-stream    all that streaming must show, but for the live run (20 minutes)'
+	@echo 'make bench-stream-live   30,000 points at 10 Hz for 5 minutes'
 	@echo 'make bench-speed     the speed benchmark (about half an hour)'
 	@echo 'make clean           remove what was set up and made'
 
@@ -59,6 +61,12 @@ package: $(VENV)/.test
 bench-topology: $(VENV)/.test
 	$(BIN)/python -m benchmarks.topology --suites '.*' --seeds 3 --jobs $(JOBS) \
 	  --method mdcs:default --method mdcs:paper --sheet build/failures.png --readme
+
+bench-stream: $(VENV)/.test
+	$(BIN)/python -m benchmarks.stream --readme
+
+bench-stream-live: $(VENV)/.test
+	$(BIN)/python -m benchmarks.stream --parts live --readme
 
 bench-speed: $(VENV)/.test
 	$(BIN)/python -m benchmarks.speed --readme

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from mdcs_pipeline.messages import PointCloud
     from mdcs_pipeline.pipeline import Pipeline, skeletonize
     from mdcs_pipeline.skeleton import Skeleton
+    from mdcs_pipeline.stream import Stream
 
     __version__: str
 
@@ -34,6 +35,7 @@ __all__ = [
     "PointCloud",
     "Skeleton",
     "StageError",
+    "Stream",
     "__version__",
     "measure",
     "skeletonize",
@@ -46,6 +48,7 @@ _HOMES = {
     "PointCloud": "messages",
     "measure": "measures",
     "Skeleton": "skeleton",
+    "Stream": "stream",
     "skeletonize": "pipeline",
 }
 

@@ -57,6 +57,11 @@ class Nodes:
         r_i of the thickness-normalised cost, in unit lengths; 1 without a thickness.
     rounds : int
         Times that a check has sent the nodes back.
+    fixed : (m,) bool
+        Nodes around what is updated: they compete for mass but neither move nor vanish, and
+        `links` holds all edges between two of them.
+    beyond : (m,) int64
+        Fixed nodes of the same label hang together outside of what is updated; −1 for none.
     header : Header
     """
 
@@ -69,6 +74,8 @@ class Nodes:
     settled: BoolArray = field(default_factory=_unset)
     scale: NDArray[np.float64] = field(default_factory=_unset)
     rounds: int = 0
+    fixed: BoolArray = field(default_factory=_unset)
+    beyond: IntArray = field(default_factory=_unset)
     header: Header = field(default_factory=Header)
 
     def __post_init__(self) -> None:
@@ -92,6 +99,10 @@ class Nodes:
                 _filled(self.settled, np.zeros(count)), (count,), "settled", np.bool_
             ),
             scale=scale,
+            fixed=finite_array(_filled(self.fixed, np.zeros(count)), (count,), "fixed", np.bool_),
+            beyond=finite_array(
+                _filled(self.beyond, np.full(count, -1)), (count,), "beyond", np.int64
+            ),
         )
 
     def __len__(self) -> int:
@@ -142,6 +153,8 @@ class TransportPlan:
         Whether the solve started from given potentials.
     energy : tuple of float
         Objective of Algorithm 2 after each of its steps.
+    entries : int
+        Kernel entries read, over all passes.
     """
 
     nodes: Nodes
@@ -153,6 +166,7 @@ class TransportPlan:
     converged: bool
     warm: bool
     energy: tuple[float, ...] = ()
+    entries: int = 0
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.epsilon) and self.epsilon > 0):
@@ -208,7 +222,12 @@ class TransportPlan:
 
     def summary(self) -> dict[str, Any]:
         """Return the figures that a progress line shows."""
-        return {"nodes": len(self.nodes), "epsilon": self.epsilon, "passes": self.iterations}
+        return {
+            "nodes": len(self.nodes),
+            "epsilon": self.epsilon,
+            "passes": self.iterations,
+            "entries": self.entries,
+        }
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,7 @@ from mdcs_pipeline.errors import InputError, MdcsError, StageError, suggestion
 from mdcs_pipeline.graph import Graph
 from mdcs_pipeline.hooks import Hook, StageEvent, figures_of, notify
 from mdcs_pipeline.run_state import RunState, Token, leads_of
-from mdcs_pipeline.stage import Port
+from mdcs_pipeline.stage import Port, Stage
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,8 +57,14 @@ class Runner:
     def __init__(self, graph: Graph, hooks: Sequence[Hook] = ()) -> None:
         self.graph = graph
         self.hooks = tuple(hooks)
-        # A stage's state over frames, once stages have any, is kept here, by stage name.
+        self.states: dict[type[Any], Any] = {}
+        self.reset()
         self._leads = leads_of(graph)
+
+    def reset(self) -> None:
+        """Begin anew: the stages forget all frames so far."""
+        kinds = [stage.State for stage in self.graph.stages.values() if stage.State is not None]
+        self.states = {kind: kind() for kind in kinds}
 
     def run(self, inputs: Mapping[str, Any] | None = None) -> RunRecord:
         """Run one frame.
@@ -114,7 +120,7 @@ class Runner:
     def _call(self, name: str, inputs: dict[str, Any]) -> dict[str, Any]:
         where = f"stage '{name}' ({self.graph.spec.stages[name].place})"
         try:
-            returned = self.graph.stages[name](**inputs)
+            returned = self._invoke(self.graph.stages[name], inputs)
         except MdcsError as error:
             raise error.located(where) from error
         except Exception as error:
@@ -125,6 +131,13 @@ class Runner:
                 remedy="this is a fault of the stage; report it with the input that shows it",
             ) from error
         return dict(_checked(returned, self.graph.ports[name].outputs, where))
+
+    def _invoke(self, stage: Stage[Any], inputs: dict[str, Any]) -> Any:
+        return (
+            stage(**inputs)
+            if stage.State is None
+            else stage(**inputs, state=self.states[stage.State])
+        )
 
 
 def record_of(frame: RunState, results: dict[str, Any]) -> RunRecord:

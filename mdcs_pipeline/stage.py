@@ -69,6 +69,9 @@ class Stage(Generic[SettingsT]):
     """
 
     Settings: ClassVar[type[Settings]] = Settings
+    #: What the stage remembers from frame to frame, made without arguments; the runner owns it
+    #: and passes it as ``state``. Stages of one graph that name the same class share it.
+    State: ClassVar[type[Any] | None] = None
     settings: SettingsT
     __call__: Callable[..., Any]
 
@@ -125,6 +128,8 @@ def input_ports(stage: type[Stage[Any]]) -> dict[str, Port]:
     """Return the input ports of a stage class, in the order of its call."""
     hints = get_type_hints(stage.__call__)
     names = list(inspect.signature(stage.__call__).parameters)[1:]
+    if stage.State is not None:
+        names.remove("state")
     return {name: _port(name, hints.get(name, Any)) for name in names}
 
 

@@ -306,7 +306,7 @@ def test_figures_of_a_progress_line() -> None:
     assert surface().summary() == {"links": 1}
     assert thickness(radius=[1, 2, 3, 5]).summary() == {"radius": 2.5}
     assert nodes(epsilon=0.5).summary() == {"nodes": 3, "epsilon": 0.5}
-    assert plan().summary() == {"nodes": 3, "epsilon": 0.5, "passes": 3}
+    assert plan().summary() == {"nodes": 3, "epsilon": 0.5, "passes": 3, "entries": 0}
     assert rough().summary() == {"nodes": 3, "edges": 1, "epsilon": 0.5, "skeletal": 2}
     assert rough().nodes is not None
     assert len(skeleton()) == 4

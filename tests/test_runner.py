@@ -413,3 +413,58 @@ def test_the_order_in_the_file_does_not_change_the_results(text: str, random: An
     random.shuffle(lines)
     other = "stages:\n" + "\n".join(lines) + "\nresults:\n" + tail
     assert runner_of(text).run().results == runner_of(other).run().results
+
+
+# --- state over frames
+
+
+class Tally:
+    """What `Count` remembers."""
+
+    def __init__(self) -> None:
+        self.total = 0
+
+
+class CountSettings(Settings):
+    by: int = 1
+
+
+class Count(Stage[CountSettings]):
+    """Give how often it was called, times a factor, over all frames."""
+
+    Settings = CountSettings
+    State = Tally
+
+    def __call__(self, number: Number, state: Tally) -> Out:
+        state.total += self.settings.by
+        return Out(Number(state.total))
+
+
+COUNTING = """
+stages:
+  start: {stage: one}
+  first: {stage: count, inputs: {number: start.number}}
+  second: {stage: count, inputs: {number: first.number}, settings: {by: 10}}
+results: {number: second.number}
+"""
+
+
+def test_state_is_the_runners_and_shared_by_the_stages_that_name_it() -> None:
+    runner = runner_of(COUNTING, count=Count)
+    assert [runner.run().results["number"].value for _ in range(3)] == [11, 22, 33]
+    assert runner.states[Tally].total == 33
+    other = runner_of(COUNTING, count=Count)
+    assert other.run().results["number"].value == 11
+
+
+def test_a_reset_makes_the_state_anew() -> None:
+    runner = runner_of(COUNTING, count=Count)
+    runner.run()
+    runner.reset()
+    assert runner.states[Tally].total == 0
+    assert runner.run().results["number"].value == 11
+
+
+def test_state_is_no_port() -> None:
+    runner = runner_of(COUNTING, count=Count)
+    assert list(runner.graph.ports["first"].inputs) == ["number"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from copy import deepcopy
 from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -22,7 +23,13 @@ from mdcs_pipeline.messages import Header, MassCloud, Nodes, PointCloud, Skeleto
 from mdcs_pipeline.stage import Stage, input_ports, output_ports, stage_class, stage_names
 
 HEADER = Header("map", 7_000_000_000, 3)
-CONFIGS = ("default", "paper")
+CONFIGS = ("default", "paper", "streaming")
+#: For a map in which 600 points are a surface.
+SETTINGS: dict[str, dict[str, Any]] = {
+    "streaming": {"scene.voxel": 0.03, "scene.least_hits": 1, "scene.speck": 5}
+}
+#: Stages that only a scene has a use for.
+SCENIC = {"scene", "recall", "newborn", "splice"}
 #: Stages whose settings have no default, with the file that they are given.
 FILES = {"read": "cloud.npy", "write": "skeleton.json"}
 
@@ -31,26 +38,39 @@ Messages = dict[type, Any]
 
 def followed(config: str) -> Messages:
     """Return an example of every message that a small cloud gives on its way through a config."""
-    graph = build_graph(load_spec(config, {}))
+    graph = build_graph(load_spec(config, SETTINGS.get(config, {})))
     messages: Messages = {
         PointCloud: PointCloud(shapes.y(600, 1), np.linspace(0.5, 2, len(shapes.y(600, 1))), HEADER)
     }
+    states = {stage.State: stage.State() for stage in graph.stages.values() if stage.State}
     for name in graph.order:
-        outputs = call(graph.stages[name], messages)
+        stage = graph.stages[name]
+        if stage.State:
+            # A stage that remembers is shown what was remembered when its turn came.
+            messages[type(stage)] = deepcopy(states[stage.State])
+        state = {"state": states[stage.State]} if stage.State else {}
+        returned = stage(**taken(stage, messages), **state)
+        outputs = {} if returned is None else returned._asdict()
         messages.update((type(value), value) for value in outputs.values() if value is not None)
     return messages
 
 
 def call(stage: Stage[Any], messages: Messages) -> dict[str, Any]:
     """Return what a stage gives for the example messages, by output port."""
+    state = {"state": deepcopy(messages[type(stage)])} if stage.State else {}
+    returned = stage(**taken(stage, messages), **state)
+    return {} if returned is None else returned._asdict()
+
+
+def taken(stage: Stage[Any], messages: Messages) -> dict[str, Any]:
+    """Return the examples for a stage's input ports."""
     given: dict[str, Any] = {}
     for name, port in input_ports(type(stage)).items():
         if port.type not in messages and not port.optional:
             pytest.fail(f"no example of {port.type.__name__} for {type(stage).__name__}.{name}")
         example = messages.get(port.type)
         given[name] = (example, example) if port.many else example
-    returned = stage(**given)
-    return {} if returned is None else returned._asdict()
+    return given
 
 
 @pytest.fixture(scope="module")
@@ -72,8 +92,8 @@ def case(
 ) -> tuple[Stage[Any], Messages]:
     name, whose = request.param
     if whose == "own":
-        return made(name, tmp_path), examples["default"]
-    spec = load_spec(whose, {}).stages[name]
+        return made(name, tmp_path), examples["streaming" if name in SCENIC else "default"]
+    spec = load_spec(whose, SETTINGS.get(whose, {})).stages[name]
     return stage_class(spec.stage)(**spec.settings), examples[whose]
 
 
@@ -261,7 +281,8 @@ def test_inputs_are_not_changed(case: tuple[Stage[Any], Messages]) -> None:
 def test_every_array_is_a_read_only_view(case: tuple[Stage[Any], Messages]) -> None:
     stage, messages = case
     outputs = call(stage, messages)
-    for message in (*messages.values(), *outputs.values()):
+    held = [message for kind, message in messages.items() if not issubclass(kind, Stage)]
+    for message in (*held, *outputs.values()):
         writable = [path for path, array in arrays(message).items() if array.flags.writeable]
         assert not writable, type(message)
 

@@ -20,6 +20,7 @@ from mdcs_pipeline.cli.options import options
 from mdcs_pipeline.cli.run import run
 from mdcs_pipeline.cli.schema import schema
 from mdcs_pipeline.cli.stages import stages
+from mdcs_pipeline.cli.stream import stream
 from mdcs_pipeline.cli.validate import validate
 from mdcs_pipeline.cli.view import view
 from mdcs_pipeline.cli.warmup import warmup
@@ -100,7 +101,9 @@ def root(
         raise typer.Exit(2)
 
 
-_COMMANDS = (run, demo, view, info, stages, options, configs, validate, graph, schema, warmup)
+_COMMANDS = (
+    run, stream, demo, view, info, stages, options, configs, validate, graph, schema, warmup,
+)  # fmt: skip
 for command in _COMMANDS:
     app.command()(command)
 app.add_typer(export, name="export")

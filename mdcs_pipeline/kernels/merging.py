@@ -104,7 +104,13 @@ def inherited(pairs: IntArray, into: IntArray) -> IntArray:
     return unique_pairs(into[pairs])
 
 
-def close_pairs(nodes: FloatArray, scale: FloatArray, spacing: float) -> IntArray:
+def close_pairs(
+    nodes: FloatArray,
+    scale: FloatArray,
+    spacing: float,
+    fixed: BoolArray | None = None,
+    widths: FloatArray | None = None,
+) -> IntArray:
     """Return disjoint pairs nearer than `spacing` · min(r_i, r_k), closest in radii first.
 
     Parameters
@@ -113,14 +119,24 @@ def close_pairs(nodes: FloatArray, scale: FloatArray, spacing: float) -> IntArra
     scale : (m,) float64
         r_i.
     spacing : float
+    fixed : (m,) bool, optional
+        Nodes that only take others in: of two fixed ones neither goes, and in a pair with
+        another the fixed one comes first.
+    widths : (m,) float64, optional
+        Factor to `spacing` for each node; of a pair the larger counts. 1 when absent.
 
     Returns
     -------
     (P, 2) int64
     """
     near = cKDTree(nodes).query_pairs(spacing * float(scale.max()), output_type="ndarray")
+    if fixed is not None and fixed.any():
+        near = near[~fixed[near].all(axis=1)]
+        near = np.where(fixed[near[:, 1]][:, None], near[:, ::-1], near)
     length = np.linalg.norm(nodes[near[:, 0]] - nodes[near[:, 1]], axis=1)
     relative = length / scale[near].min(axis=1)
+    if widths is not None:
+        relative /= widths[near].max(axis=1)
     close = relative < spacing
     near, relative = near[close], relative[close]
     order = np.lexsort((near[:, 1], near[:, 0], relative))

@@ -83,6 +83,7 @@ def optimise(
     accuracy: Accuracy,
     descent: Descent,
     edges: NDArray[np.int64] | None = None,
+    fixed: NDArray[np.bool_] | None = None,
 ) -> Optimised:
     """Minimise (1 − λ) W + λ R over nodes and plan by alternating minimisation (Algorithm 2).
 
@@ -96,6 +97,8 @@ def optimise(
     descent : Descent
     edges : (E, 2) int64, optional
         The graph that R smooths; needed where λ > 0.
+    fixed : (m,) bool, optional
+        Nodes that stay where they are; R is not asked to smooth them either.
 
     Returns
     -------
@@ -107,21 +110,27 @@ def optimise(
         # Costs are in local radii: so must bends be, or thick parts would hardly be smoothed.
         in_radii = sparse.diags_array(1.0 / problem.node_scale)
         smoothing = sparse.csr_array(in_radii @ bending(edges, len(problem.nodes)))
+        if fixed is not None and fixed.any():
+            smoothing = sparse.csr_array(sparse.diags_array((~fixed).astype(float)) @ smoothing)
     boxes = problem.boxes()
     found = transport(problem, potentials, accuracy, boxes)
     energy = [_objective(found, problem, smoothing, descent.smoothing)]
-    passes, settled = found.passes, False
+    passes, entries, settled = found.passes, found.entries, False
     for _ in range(descent.max_steps):
         pulled = _pulled(found, problem, accuracy, descent.power)
         moved = relaxed_step(problem.nodes, pulled, smoothing, descent.smoothing, descent.step)
+        if fixed is not None:
+            moved[fixed] = problem.nodes[fixed]
         problem = problem._replace(nodes=moved)
         found = transport(problem, found.node_potentials, accuracy, boxes)
         passes += found.passes
+        entries += found.entries
         energy.append(_objective(found, problem, smoothing, descent.smoothing))
         if energy[-2] - energy[-1] < descent.settle * problem.epsilon:
             settled = True
             break
-    return Optimised(problem, found._replace(passes=passes), accuracy, tuple(energy), settled)
+    found = found._replace(passes=passes, entries=entries)
+    return Optimised(problem, found, accuracy, tuple(energy), settled)
 
 
 def _pulled(found: Coupling, problem: Problem, accuracy: Accuracy, power: int) -> Pull:

@@ -129,9 +129,13 @@ class Check(Stage[CheckSettings]):
             settings.overlap,
             settings.majority,
         )
-        accepted = gathered(rough, into)
+        # What surrounds an update must not move: there a loop waits to be widened.
+        accepted = rough if nodes.fixed.any() else gathered(rough, into)
         false = np.zeros(len(nodes), dtype=bool)
         false[np.concatenate([np.array(loop) for loop in loops])] = True
+        false &= ~nodes.fixed
+        if not false.any():
+            return Checked(None, None, rough)
         growth = np.where(false, settings.widening, 1.0)
         wider = replace(thickness, radius=thickness.radius * growth[owner])
         back = replace(_sent_back(nodes, false), scale=nodes.scale * growth)

@@ -11,10 +11,10 @@ from scipy import sparse
 from mdcs_pipeline.arrays import IntArray
 from mdcs_pipeline.kernels.compiled.shares import top_shares
 from mdcs_pipeline.kernels.contact import contacts, relative_contact
-from mdcs_pipeline.kernels.links import Links, co_transport, widened
+from mdcs_pipeline.kernels.links import Links, co_transport, unique_pairs, widened
 from mdcs_pipeline.kernels.nerve import filled_triangles, open_triangles
 from mdcs_pipeline.kernels.spanning import spanning_links
-from mdcs_pipeline.messages import MassCloud, RoughSkeleton, Surface, TransportPlan
+from mdcs_pipeline.messages import MassCloud, Nodes, RoughSkeleton, Surface, TransportPlan
 from mdcs_pipeline.stage import Settings, Stage
 
 
@@ -91,10 +91,19 @@ class Link(Stage[LinkSettings]):
         strong = (links.strength > settings.strength) & (near >= settings.contact)
         filled = filled_triangles(top, shares, settings.least_share, settings.common_points)
         edges = open_triangles(nodes.positions, links.pairs[strong], filled)
+        if nodes.fixed.any():
+            # What surrounds an update is not its to judge.
+            edges = unique_pairs(
+                np.concatenate([edges[~nodes.fixed[edges].all(axis=1)], _kept(nodes)])
+            )
         joining = Links(links.pairs[near > 0], links.strength[near > 0])
         if touching is not None:
             joining = self._with_contacts(joining, touching)
-        return spanning_links(len(nodes), edges, joining, settings.joining)
+        ways = _ways_beyond(nodes)
+        spanned = spanning_links(
+            len(nodes), unique_pairs(np.concatenate([edges, ways])), joining, settings.joining
+        )
+        return _without(spanned, ways, edges)
 
     def _with_contacts(self, links: Links, touching: sparse.csr_array) -> Links:
         """Return the links, and weakest of all the pairs that only touch on the surface.
@@ -109,3 +118,27 @@ class Link(Stage[LinkSettings]):
         return Links(
             np.concatenate([links.pairs, firm]), np.concatenate([links.strength, strength])
         )
+
+
+def _kept(nodes: Nodes) -> IntArray:
+    return nodes.links[nodes.fixed[nodes.links].all(axis=1)]
+
+
+def _ways_beyond(nodes: Nodes) -> IntArray:
+    """Return pairs of fixed nodes that hang together outside: no link must join them again."""
+    joined = np.flatnonzero(nodes.beyond >= 0)
+    joined = joined[np.argsort(nodes.beyond[joined], kind="stable")]
+    pairs = np.stack([joined[:-1], joined[1:]], axis=1)
+    alike = nodes.beyond[pairs[:, 0]] == nodes.beyond[pairs[:, 1]]
+    return np.sort(pairs[alike], axis=1)
+
+
+def _without(spanned: IntArray, ways: IntArray, edges: IntArray) -> IntArray:
+    """Return the edges that were there or were added, but not the ways that lead outside."""
+    if not len(ways):
+        return spanned
+    real = {tuple(pair) for pair in edges.tolist()}
+    only = {tuple(pair) for pair in ways.tolist()} - real
+    return np.array(
+        [pair for pair in spanned.tolist() if tuple(pair) not in only], dtype=np.int64
+    ).reshape(-1, 2)

@@ -54,6 +54,13 @@ class MergeSettings(Settings):
     spacing: float = Field(
         1.0, gt=0, le=4, description="Least distance of two nodes in the smaller local radius."
     )
+    persistence: float = Field(
+        1.0,
+        gt=0,
+        le=1,
+        description="Factor to the spacing for two nodes that were settled when the update "
+        "began: under 1, what stands does not merge for a small change of its surroundings.",
+    )
 
 
 class Merging(NamedTuple):
@@ -89,10 +96,22 @@ class Merge(Stage[MergeSettings]):
 
     def _by_spacing(self, plan: TransportPlan) -> Merging:
         nodes = plan.nodes
-        pairs = close_pairs(nodes.positions, nodes.scale, self.settings.spacing)
+        stands = self.settings.persistence
+        widths = np.where(nodes.settled, stands, 1.0) if stands < 1.0 else None
+        pairs = close_pairs(
+            nodes.positions, nodes.scale, self.settings.spacing, nodes.fixed, widths
+        )
         settled = np.ones(len(nodes), dtype=bool)
         settled[pairs.ravel()] = False
-        return _outcome(plan, replace(nodes, settled=settled), pairs)
+        labelled = replace(plan, nodes=replace(nodes, settled=settled))
+        if not len(pairs):
+            return Merging(None, labelled)
+        merged = merged_nodes(nodes, pairs)
+        if stands < 1.0:
+            # What a settled node takes in does not make it a new one.
+            kept = np.isin(merged.ids, nodes.ids[nodes.settled])
+            merged = replace(merged, settled=kept)
+        return Merging(merged, labelled)
 
 
 def _carried(links: IntArray, shared: Links, nodes: Nodes, noise: float) -> IntArray:
@@ -112,14 +131,20 @@ def _outcome(plan: TransportPlan, labelled: Nodes, pairs: IntArray) -> Merging:
 
 
 def merged_nodes(nodes: Nodes, pairs: IntArray) -> Nodes:
-    """Return the nodes after merging disjoint pairs: mass and scale are carried over."""
+    """Return the nodes after merging disjoint pairs: mass and scale are carried over.
+
+    A fixed node, which is the first of its pair, stays what it is.
+    """
     merged = merge(nodes.positions, nodes.mass, pairs)
     settled: BoolArray = nodes.settled.copy()
     settled[pairs.ravel()] = False
     scale = nodes.scale.copy()
-    scale[pairs[:, 0]] = nodes.scale[pairs].mean(axis=1)
+    moving = pairs[~nodes.fixed[pairs[:, 0]]]
+    scale[moving[:, 0]] = nodes.scale[moving].mean(axis=1)
+    fixed = nodes.fixed[merged.kept]
+    positions = np.where(fixed[:, None], nodes.positions[merged.kept], merged.positions)
     return Nodes(
-        merged.positions,
+        positions,
         merged.mass / merged.mass.sum(),
         nodes.potentials[merged.kept],
         nodes.epsilon,
@@ -128,5 +153,7 @@ def merged_nodes(nodes: Nodes, pairs: IntArray) -> Nodes:
         settled[merged.kept],
         scale[merged.kept],
         nodes.rounds,
+        fixed,
+        nodes.beyond[merged.kept],
         nodes.header,
     )

@@ -47,6 +47,8 @@ def gathered(rough: RoughSkeleton, into: IntArray) -> RoughSkeleton:
         ids=nodes.ids[kept],
         links=unique_pairs(group[nodes.links]),
         settled=nodes.settled[kept],
+        fixed=nodes.fixed[kept],
+        beyond=nodes.beyond[kept],
         scale=scale,
     )
     served = replace(plan, nodes=one, plan=sparse.csr_array(plan.plan @ member))

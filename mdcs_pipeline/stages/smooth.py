@@ -131,8 +131,10 @@ class Smooth(Stage[SmoothSettings]):
         if self.settings.stretch:
             owner = plan_owners(rough.plan.plan)
             ends = limb_ends(positions, nodes.scale, edges, cloud.positions, owner)
-            positions = stretched(positions, ends)
+            positions = stretched(positions, [end for end in ends if not nodes.fixed[end.node]])
             for node, tips in lone_segments(nodes.positions, edges, cloud.positions, owner):
+                if node < len(nodes) and nodes.fixed[node]:
+                    continue
                 edges = np.concatenate([edges, [[node, len(positions)]]])
                 positions[node] = tips[0]
                 positions = np.concatenate([positions, tips[1:]])
@@ -176,7 +178,9 @@ class Smooth(Stage[SmoothSettings]):
             False,
             settings.smoothing,
         )
-        return optimise(problem, level.node_potentials, accuracy, descent, refined.edges)
+        fixed = np.zeros(count, dtype=bool)
+        fixed[: len(rough.nodes)] = rough.nodes.fixed
+        return optimise(problem, level.node_potentials, accuracy, descent, refined.edges, fixed)
 
     def _assignment(
         self, cloud: MassCloud, found: Optimised, points: PointCloud | None

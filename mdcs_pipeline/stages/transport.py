@@ -113,6 +113,7 @@ class Transport(Stage[TransportSettings]):
                 settings.settle,
                 settings.marginals == "free",
             ),
+            fixed=nodes.fixed,
         )
         plan = as_plan(found, nodes, thickness, settings.marginals == "free")
         return TransportOutput(plan, thickness)
@@ -126,7 +127,7 @@ def as_plan(
     received = coupling.carried.received
     scale = nodes.scale
     if thickness is not None:
-        served = received > 0
+        served = (received > 0) & ~nodes.fixed
         scale = np.where(served, coupling.carried.scale / np.where(served, received, 1.0), scale)
     moved = replace(
         nodes,
@@ -146,4 +147,5 @@ def as_plan(
         converged=coupling.converged,
         warm=bool(np.any(nodes.potentials)),
         energy=found.energy,
+        entries=coupling.entries,
     )

@@ -1,0 +1,1 @@
+"""Benchmark of scenes that accumulate: cost, stability and topology of the streamed skeleton."""

@@ -1,0 +1,81 @@
+"""Which points no node stands for yet."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial.distance import cdist
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+
+_BLOCK = 1 << 21
+
+
+def nearest_node(
+    points: FloatArray, point_scale: FloatArray, nodes: FloatArray, node_scale: FloatArray
+) -> tuple[IntArray, FloatArray]:
+    """Return each point's node of least cost ‖x_i − y_j‖²/(r_i r_j), and that cost.
+
+    Parameters
+    ----------
+    points, nodes : (n, 3), (m, 3) float64
+        m > 0.
+    point_scale, node_scale : (n,), (m,) float64
+
+    Returns
+    -------
+    nearest : (n,) int64
+    cost : (n,) float64
+    """
+    nearest = np.empty(len(points), np.int64)
+    cost = np.empty(len(points))
+    rows = max(1, _BLOCK // len(nodes))
+    for start in range(0, len(points), rows):
+        part = slice(start, start + rows)
+        costs = cdist(points[part], nodes, "sqeuclidean") / (
+            point_scale[part, None] * node_scale[None, :]
+        )
+        nearest[part] = np.argmin(costs, axis=1)
+        cost[part] = np.take_along_axis(costs, nearest[part, None], axis=1)[:, 0]
+    return nearest, cost
+
+
+def fallen_apart(graph: sparse.csr_array, owner: IntArray, least: float) -> BoolArray:
+    """Return the points of a node's lesser pieces, where its points fall into several.
+
+    Parameters
+    ----------
+    graph : csr_array, (n, n)
+        Neighbours on the surface.
+    owner : (n,) int64
+        Node of each point; −1 for none.
+    least : float
+        Share of a node's points from which a piece counts.
+
+    Returns
+    -------
+    (n,) bool
+        Of each node's pieces the largest is left out.
+    """
+    n = len(owner)
+    rows = np.repeat(np.arange(n), np.diff(graph.indptr))
+    same = owner[rows] == owner[graph.indices]
+    ones = np.ones(int(np.count_nonzero(same)))
+    within = sparse.coo_array((ones, (rows[same], graph.indices[same])), shape=(n, n))
+    _, piece = connected_components(within, directed=False)
+    size = np.bincount(piece)
+    owner_of = np.full(len(size), -1, np.int64)
+    owner_of[piece] = owner
+    known = owner >= 0
+    whole = np.bincount(owner[known], minlength=int(owner.max(initial=0)) + 1)
+    share = np.where(owner_of >= 0, size / np.maximum(whole[np.maximum(owner_of, 0)], 1), 0.0)
+    # By owner, then by falling size: the first piece of each owner is its largest.
+    order = np.lexsort((np.arange(len(size)), -size, owner_of))
+    first = np.ones(len(size), dtype=bool)
+    first[order[1:]] = owner_of[order[1:]] != owner_of[order[:-1]]
+    lesser = ~first & (share >= least) & (owner_of >= 0)
+    return np.asarray(lesser[piece], dtype=np.bool_)

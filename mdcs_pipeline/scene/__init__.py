@@ -1,0 +1,1 @@
+"""A scene that frames add up to: its voxels, its nodes and their graph, updated locally."""

@@ -1,0 +1,146 @@
+"""What makes an update local: fixed nodes, links around them, and seeds where none stands."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import shapes
+from scipy import sparse
+
+from mdcs_pipeline.kernels.covering import fallen_apart, nearest_node
+from mdcs_pipeline.kernels.merging import close_pairs
+from mdcs_pipeline.kernels.optimise import Descent, optimise
+from mdcs_pipeline.kernels.sinkhorn import Accuracy, Problem
+from mdcs_pipeline.messages import MassCloud, Nodes, TransportPlan, UnitFrame
+from mdcs_pipeline.stages.link import Link
+from mdcs_pipeline.stages.merge import Merge
+from mdcs_pipeline.stages.surface import SurfaceGraph
+from mdcs_pipeline.stages.thickness import LocalThickness
+from mdcs_pipeline.stages.transport import Transport
+
+UNIT = UnitFrame(np.zeros(3), np.eye(3), 1.0)
+
+
+def rod_cloud(count: int = 800) -> MassCloud:
+    points = shapes.cylinder(count)
+    return MassCloud(points, np.full(len(points), 1.0 / len(points)), UNIT)
+
+
+@pytest.mark.parametrize("free", [True, False])
+def test_fixed_nodes_stay_to_the_bit_and_the_others_move(free: bool) -> None:
+    points = shapes.cylinder(600)
+    ones = np.ones(len(points))
+    nodes = np.stack([np.linspace(-0.9, 0.9, 7), np.full(7, 0.1), np.zeros(7)], axis=1)
+    fixed = np.arange(7) % 3 == 0
+    problem = Problem(points, ones / len(ones), nodes, np.full(7, 1 / 7), 0.02, ones, np.ones(7))
+    edges = np.stack([np.arange(6), np.arange(1, 7)], axis=1)
+    descent = Descent(2, 1.0, 5, 0.0, free, 0.0 if free else 0.3)
+    found = optimise(problem, np.zeros(7), Accuracy(), descent, edges, fixed)
+    np.testing.assert_array_equal(found.problem.nodes[fixed], nodes[fixed])
+    assert np.abs(found.problem.nodes[~fixed, 1]).max() < 0.05
+
+
+def test_of_two_fixed_nodes_neither_merges_and_a_fixed_one_takes_others_in() -> None:
+    nodes = np.array([[0.0, 0, 0], [0.1, 0, 0], [1.0, 0, 0], [1.1, 0, 0], [2.0, 0, 0], [2.1, 0, 0]])
+    fixed = np.array([True, True, False, True, False, False])
+    pairs = close_pairs(nodes, np.ones(6), 0.5, fixed)
+    assert sorted(map(tuple, pairs.tolist())) == [(3, 2), (4, 5)]
+
+
+def test_what_stands_merges_only_when_closer() -> None:
+    nodes = np.array([[0.0, 0, 0], [0.9, 0, 0], [5.0, 0, 0], [5.9, 0, 0]])
+    widths = np.array([0.8, 0.8, 0.8, 1.0])
+    pairs = close_pairs(nodes, np.ones(4), 1.0, None, widths)
+    assert pairs.tolist() == [[2, 3]]
+
+
+def transported(nodes: Nodes) -> tuple[MassCloud, TransportPlan]:
+    cloud = rod_cloud()
+    surface = SurfaceGraph()(cloud).surface
+    thickness = LocalThickness(landmarks=50)(cloud, surface).thickness
+    stage = Transport(epsilon=2.1, theta=1.0, max_steps=3, marginals="free", cut=0.001)
+    return cloud, stage(cloud, nodes, thickness).plan
+
+
+def test_a_merge_into_a_fixed_node_leaves_it_as_it_is() -> None:
+    places = np.array([[-0.5, 0, 0], [-0.45, 0, 0], [0.4, 0, 0]])
+    fixed = np.array([True, False, False])
+    nodes = Nodes(places, np.full(3, 1 / 3), scale=np.full(3, 0.15), fixed=fixed)
+    _, plan = transported(nodes)
+    merged = Merge(rule="spacing", spacing=4.0)(plan).unsettled
+    assert merged is not None
+    np.testing.assert_array_equal(merged.positions[0], places[0])
+    assert merged.scale[0] == 0.15
+    assert merged.fixed[0]
+    assert np.isclose(merged.mass.sum(), 1.0)
+
+
+def line(fixed: list[bool], beyond: list[int], links: list[list[int]]) -> Nodes:
+    places = np.stack([np.linspace(-0.85, 0.85, 6), np.zeros(6), np.zeros(6)], axis=1)
+    return Nodes(
+        places,
+        np.full(6, 1 / 6),
+        scale=np.full(6, 0.15),
+        fixed=np.array(fixed),
+        beyond=np.array(beyond),
+        links=np.array(links, dtype=np.int64).reshape(-1, 2),
+    )
+
+
+def linked(nodes: Nodes) -> set[tuple[int, ...]]:
+    cloud, plan = transported(nodes)
+    surface = SurfaceGraph()(cloud).surface
+    link = Link(rule="co_transport", widening=1.0, strength=0.01, joining=0.0001)
+    return set(map(tuple, link(cloud, plan, surface).rough.edges.tolist()))
+
+
+def test_edges_between_fixed_nodes_are_those_that_were_there() -> None:
+    """Here the update would join 0 and 1; but it is not asked about them."""
+    free = linked(line([False] * 6, [-1] * 6, []))
+    assert free == {(k, k + 1) for k in range(5)}
+    kept = linked(line([True, True] + [False] * 4, [0, 0, -1, -1, -1, -1], []))
+    assert kept == free - {(0, 1)}
+    other = linked(line([True, True] + [False] * 4, [-1] * 6, [[0, 1]]))
+    assert other == free
+
+
+def test_ways_outside_are_no_edges() -> None:
+    nodes = line([True, True, False, False, False, True], [3, 3, -1, -1, -1, 3], [])
+    assert not linked(nodes) & {(0, 1), (0, 5), (1, 5)}
+
+
+def test_the_nearest_node_is_that_of_least_cost() -> None:
+    points = np.array([[0.0, 0, 0], [1.0, 0, 0]])
+    nodes = np.array([[0.2, 0, 0], [2.0, 0, 0]])
+    nearest, cost = nearest_node(points, np.ones(2), nodes, np.array([0.1, 2.0]))
+    assert nearest.tolist() == [0, 1]
+    np.testing.assert_allclose(cost, [0.04 / 0.1, 1.0 / 2.0])
+
+
+def chain(pairs: list[tuple[int, int]], count: int) -> sparse.csr_array:
+    rows = np.array([p for pair in pairs for p in pair])
+    columns = np.array([p for i, j in pairs for p in (j, i)])
+    return sparse.csr_array(
+        sparse.coo_array((np.ones(len(rows)), (rows, columns)), shape=(count, count))
+    )
+
+
+def test_the_lesser_piece_of_a_node_has_fallen_off() -> None:
+    graph = chain([(0, 1), (1, 2), (3, 4), (5, 6), (6, 7), (2, 5)], 9)
+    owner = np.array([0, 0, 0, 0, 0, 1, 1, 1, -1])
+    # 0 owns 0-1-2 and, apart from these, 3-4; the tie between 2 and 5 crosses owners.
+    assert np.flatnonzero(fallen_apart(graph, owner, 0.25)).tolist() == [3, 4]
+    assert not fallen_apart(graph, owner, 0.5).any()
+    assert not fallen_apart(graph, np.full(9, -1), 0.1).any()
+
+
+def test_nodes_hold_what_an_update_needs_through_a_merge() -> None:
+    nodes = line([True] + [False] * 5, [7] + [-1] * 5, [])
+    _, plan = transported(replace(nodes, mass=np.full(6, 1 / 6)))
+    merged = Merge(rule="spacing", spacing=3.0)(plan).unsettled
+    assert merged is not None
+    assert merged.fixed.tolist()[0]
+    assert merged.beyond.tolist()[0] == 7
+    assert (merged.beyond[1:] == -1).all()
