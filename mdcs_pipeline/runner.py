@@ -57,9 +57,9 @@ class Runner:
     def __init__(self, graph: Graph, hooks: Sequence[Hook] = ()) -> None:
         self.graph = graph
         self.hooks = tuple(hooks)
-        self._leads = leads_of(graph)
         self.states: dict[type[Any], Any] = {}
         self.reset()
+        self._leads = leads_of(graph)
 
     def reset(self) -> None:
         """Begin anew: the stages forget all frames so far."""

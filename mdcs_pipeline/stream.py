@@ -151,6 +151,13 @@ class Stream:
             scene.drain = False
         return changes
 
+    def change(self, graph: Graph) -> None:
+        """Go on with other settings of the same graph; the scene stays as it is."""
+        states = self._runner.states
+        self.graph = graph
+        self._runner = Runner(graph, self._runner.hooks)
+        self._runner.states = states
+
     def reset(self) -> None:
         """End the scene and begin a new one."""
         self.scene.begin_anew()

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from mdcs_pipeline.config import load_spec, override_spec
-from mdcs_pipeline.errors import ConfigError, suggestion
+from mdcs_pipeline.errors import ConfigError, InputError, suggestion
 from mdcs_pipeline.graph import Graph, build_graph
 from mdcs_pipeline.pipeline import Pipeline
 from mdcs_pipeline.skeleton import Skeleton
 from mdcs_pipeline.spec import NONFINITE, PipelineSpec
+from mdcs_pipeline.stream import Stream
 
 
 class Host:
@@ -33,12 +35,13 @@ class Host:
         self._file = load_spec(config)
         self._lock = threading.Lock()
         self._overrides: dict[str, Any] = {}
-        self._pipeline = Pipeline(build_graph(self._file))
+        self._begun = False
+        self._runs = _runs(build_graph(self._file))
 
     @property
     def graph(self) -> Graph:
         """The graph as it is set now."""
-        return self._pipeline.graph
+        return self._runs.graph
 
     def settings(self) -> dict[str, Any]:
         """Return every setting by its full name, such as ``transport.epsilon``."""
@@ -57,6 +60,12 @@ class Host:
             if name not in known:
                 raise ConfigError(
                     f"{self._file.name} has no setting '{name}'", remedy=suggestion(name, known)
+                )
+            stage = self.graph.stages.get(name.partition(".")[0])
+            if self._begun and stage is not None and stage.State is not None:
+                raise ConfigError(
+                    f"'{name}' belongs to what the scene is built on",
+                    remedy="set it before the first frame, or after a reset",
                 )
             if is_place(name, self.graph):
                 raise ConfigError(
@@ -77,28 +86,63 @@ class Host:
         graph = self.check(changes) if graph is None else graph
         with self._lock:
             self._overrides.update(changes)
-            self._pipeline = Pipeline(graph)
+            if isinstance(self._runs, Stream) and self._begun:
+                self._runs.change(graph)
+            else:
+                self._runs = _runs(graph)
 
     def start_with(self, values: Mapping[str, Any]) -> None:
         """Put settings over those of the file before the first frame, places included."""
         self._overrides.update(values)
-        self._pipeline = Pipeline(build_graph(override_spec(self._file, self._overrides)))
+        self._runs = _runs(build_graph(override_spec(self._file, self._overrides)))
 
     def reset(self) -> None:
         """Forget all that frames have left behind, but no setting."""
         with self._lock:
-            self._pipeline = Pipeline(self._pipeline.graph)
+            self._begun = False
+            self._runs = _runs(self._runs.graph)
 
     def push(self, points: Mapping[str, Any], stamp_ns: int, frame_id: str) -> Skeleton:
-        """Run one frame; see `Pipeline.push`."""
+        """Run one frame and return its skeleton, or that of the scene so far.
+
+        Raises
+        ------
+        InputError
+            If the frame cannot be used.
+        StageError
+            If a stage fails.
+        """
         with self._lock:
-            pipeline = self._pipeline
+            self._begun = True
+            if isinstance(self._runs, Stream):
+                return _streamed(self._runs, points, stamp_ns, frame_id)
+            pipeline = self._runs
         return pipeline.push(points, stamp_ns=stamp_ns, frame_id=frame_id)
 
     @property
     def spec(self) -> PipelineSpec:
         """The pipeline as it is set now."""
         return self.graph.spec
+
+
+def _runs(graph: Graph) -> Pipeline | Stream:
+    """Return what runs a graph: a stream where it remembers frames, a pipeline otherwise."""
+    remembers = any(stage.State is not None for stage in graph.stages.values())
+    return Stream(graph) if remembers else Pipeline(graph)
+
+
+def _streamed(stream: Stream, points: Mapping[str, Any], stamp_ns: int, frame_id: str) -> Skeleton:
+    (cloud,) = points.values()
+    change = stream.push(cloud, stamp_ns=stamp_ns, frame_id=frame_id)
+    unused = change.figures.get("dropped")
+    if unused is not None:
+        raise InputError(
+            "the frame was not used",
+            received=str(unused),
+            remedy="the scene is as it was; reset begins a new one",
+        )
+    whole = stream.skeleton()
+    return replace(whole, header=change.header)
 
 
 def settings_of(graph: Graph) -> dict[str, Any]:

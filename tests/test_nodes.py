@@ -19,6 +19,7 @@ from mdcs_pipeline.nodes.host import Host, settings_of
 from mdcs_pipeline.nodes.latest import Counts, Latest
 from mdcs_pipeline.nodes.poses import Pose, PoseBuffer, between, make_pose, rotation
 from mdcs_pipeline.pipeline import skeletonize
+from mdcs_pipeline.stream import Stream
 
 
 class Gate:
@@ -215,3 +216,20 @@ def test_arrow_that_is_not_there_is_named(monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     with pytest.raises(MissingExtraError, match="ros2"):
         wire.to_bytes(None, "")
+
+
+def test_a_host_of_a_scene_keeps_it_over_a_change(tree: np.ndarray) -> None:
+    host, stream = Host("streaming"), Stream.from_config("streaming")
+    for number in (1, 2):
+        found = host.push({"cloud": np.add(tree, [number, 0, 0])}, number, "map")
+        stream.push(np.add(tree, [number, 0, 0]), stamp_ns=number, frame_id="map")
+        np.testing.assert_array_equal(found.nodes, stream.skeleton().nodes)
+        host.change({"smooth.smoothing": 0.3})
+    assert found.header.stamp_ns == 2
+    with pytest.raises(ConfigError, match="after a reset"):
+        host.change({"scene.voxel": 0.1})
+    with pytest.raises(InputError, match="not used"):
+        host.push({"cloud": tree}, 1, "map")
+    host.reset()
+    host.change({"scene.voxel": 0.08})
+    assert len(host.push({"cloud": tree}, 1, "map"))

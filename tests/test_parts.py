@@ -377,3 +377,8 @@ def test_a_spoilt_ledger_is_refused_and_the_frame_can_still_end(spoil: Any) -> N
     post.take(step)
     post.deliver()
     assert post.ended == [Ended(0)]
+
+
+def test_a_graph_that_remembers_frames_is_not_cut() -> None:
+    with pytest.raises(ConfigError, match="runs in one process"):
+        layout_of(build_graph(load_spec("streaming")))

@@ -274,4 +274,4 @@ def test_the_documented_schemas_are_those_that_travel() -> None:
         name, told = type(message).__name__, wire.describe(message)
         longest[name] = max(longest.get(name, ""), told, key=len)
     for name, told in longest.items():
-        assert f"### {name}\n\n```\n{told}\n```\n" in text
+        assert f"### {name}\n\n```text\n{told}\n```\n" in text

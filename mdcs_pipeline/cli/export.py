@@ -18,23 +18,6 @@ from mdcs_pipeline.cli.common import (
 from mdcs_pipeline.cli.console import say
 from mdcs_pipeline.errors import ConfigError, InputError
 
-CloudOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        metavar="[SOURCE=]NODE/OUTPUT",
-        show_default=False,
-        help="Output of your own dataflow that gives clouds; repeatable.",
-    ),
-]
-MachineOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        metavar="HOST=MACHINE",
-        show_default=False,
-        help="Machine of a host, by the --machine-id of its daemon; repeatable.",
-    ),
-]
-
 export = typer.Typer(
     help="Write a pipeline as something that another runtime runs.", no_args_is_help=True
 )
@@ -56,8 +39,22 @@ def dora(
         Path | None,
         typer.Option(show_default=False, help="Folder to write the skeletons to."),
     ] = None,
-    cloud: CloudOption = None,
-    machine: MachineOption = None,
+    cloud: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="[SOURCE=]NODE/OUTPUT",
+            show_default=False,
+            help="Output of your own dataflow that gives clouds; repeatable.",
+        ),
+    ] = None,
+    machine: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="HOST=MACHINE",
+            show_default=False,
+            help="Machine of a host, by the --machine-id of its daemon; repeatable.",
+        ),
+    ] = None,
     program: Annotated[
         str | None,
         typer.Option(

@@ -95,6 +95,14 @@ def layout_of(graph: Graph) -> Layout:
             where=spec.file,
             remedy="name an output under 'results'",
         )
+    remembers = [name for name, stage in graph.stages.items() if stage.State is not None]
+    if remembers:
+        raise ConfigError(
+            "a graph that remembers frames runs in one process",
+            where=spec.file,
+            received="stages with a state: " + ", ".join(remembers),
+            remedy="run it without --host",
+        )
     hosts = tuple(dict.fromkeys(spec.stages[name].host for name in graph.order))
     taking = [
         name

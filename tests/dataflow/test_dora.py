@@ -176,7 +176,7 @@ def test_messages_are_read_where_they_lie_by_nodes_of_ones_own(tmp_path: Path) -
     found = json.loads(told.read_text())
     assert found["inside"] and not found["writeable"]
     documented = (Path(__file__).parents[2] / "docs" / "wire.md").read_text()
-    assert f"### MassCloud\n\n```\n{found['schema']}\n```" in documented
+    assert f"### MassCloud\n\n```text\n{found['schema']}\n```" in documented
     assert json.loads(found["head"])["body"]["origin"] == "density"
     assert 0 < found["points"] <= len(points)
 
