@@ -33,6 +33,7 @@ demo: $(VENV)/.demo
 	$(BIN)/mdcs demo -o out/demo
 
 test: lint
+	$(BIN)/mdcs warmup  # once, not in every process of the suite
 	$(BIN)/python -m pytest -n $(JOBS) --cov --cov-branch --cov-report=term --cov-fail-under=90
 
 test-viewer: $(VENV)/.viewer

@@ -46,7 +46,7 @@ def examples() -> list[Any]:
     points, half = rng.normal(size=(6, 3)), np.full(2, 0.5)
     nodes = Nodes(
         points[:2], half, rng.normal(size=2), 0.01, np.array([4, 9]), np.array([[0, 1]]),
-        np.array([True, False]), np.array([0.1, 0.2]), 3, HEADER,
+        np.array([True, False]), np.array([0.1, 0.2]), 3, header=HEADER,
     )  # fmt: skip
     plan = TransportPlan(
         nodes, matrix(6, 2), rng.normal(size=6), 0.01, 5, 1e-4, True, False, (3.0, 2.0)
