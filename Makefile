@@ -42,9 +42,11 @@ test-viewer: $(VENV)/.viewer
 
 # Its wheels start each Python of their environment anew, so it is none of ours.
 test-ros2: $(VENV)-ros2/.ros2
+	$(VENV)-ros2/bin/mdcs warmup
 	$(VENV)-ros2/bin/python -m pytest tests/ros2 tests/test_nodes.py
 
 test-dora: $(VENV)-dora/.dora
+	$(VENV)-dora/bin/mdcs warmup
 	$(VENV)-dora/bin/python -m pytest tests/dataflow
 
 lint: $(VENV)/.test

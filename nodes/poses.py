@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from mdcs_pipeline.arrays import FloatArray
 from mdcs_pipeline.errors import InputError
+from mdcs_pipeline.io.pose_track import interpolated
 
 # Some minutes of odometry at 100 Hz.
 MOST_POSES = 20_000
@@ -41,14 +42,9 @@ class Pose:
 
 def rotation(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the (3, 3) matrix of a unit quaternion x, y, z, w."""
-    x, y, z, w = quaternion
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    from scipy.spatial.transform import Rotation
+
+    return np.asarray(Rotation.from_quat(quaternion).as_matrix(), dtype=np.float64)
 
 
 def make_pose(stamp_ns: int, frame_id: str, position: object, quaternion: object) -> Pose:
@@ -135,12 +131,7 @@ def between(first: Pose, second: Pose, stamp_ns: int) -> Pose:
     """Return the pose at a time between two others; rotations go the shortest way."""
     span = second.stamp_ns - first.stamp_ns
     share = (stamp_ns - first.stamp_ns) / span if span else 1.0
-    cosine = float(first.quaternion @ second.quaternion)
-    target = second.quaternion if cosine >= 0 else -second.quaternion
-    angle = float(np.arccos(min(abs(cosine), 1.0)))
-    if angle < 1e-6:
-        turn = (1 - share) * first.quaternion + share * target
-    else:
-        turn = np.sin((1 - share) * angle) * first.quaternion + np.sin(share * angle) * target
-    place = (1 - share) * first.position + share * second.position
-    return Pose(stamp_ns, first.frame_id, place, turn / np.linalg.norm(turn))
+    places = np.stack([first.position, second.position])
+    turns = np.stack([first.quaternion, second.quaternion])
+    place, turn = interpolated(share, places, turns)
+    return Pose(stamp_ns, first.frame_id, place, turn)

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from benchmarks.speed import passes, problems, table, worker
-from mdcs_pipeline.kernels.sinkhorn import Accuracy, Problem, couple
+from mdcs_pipeline.kernels.problem import Accuracy, Problem
+from mdcs_pipeline.kernels.sinkhorn import couple
 
 
 def small() -> Problem:

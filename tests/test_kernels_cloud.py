@@ -16,8 +16,8 @@ from mdcs_pipeline.kernels.compiled.heap import heap_drop, heap_push
 from mdcs_pipeline.kernels.compiled.patches import (
     closing_patches,
     middle_eigenvalue,
-    spread_minimum,
 )
+from mdcs_pipeline.kernels.compiled.spreading import spread_minimum
 from mdcs_pipeline.kernels.density import area_mass, neighbour_radius
 from mdcs_pipeline.kernels.nearest import nearest
 from mdcs_pipeline.kernels.outliers import lonely_points, roundness

@@ -30,9 +30,10 @@ from mdcs_pipeline.kernels.links import (
 )
 from mdcs_pipeline.kernels.merging import close_pairs, inherited, merge, merging_pairs
 from mdcs_pipeline.kernels.nerve import filled_triangles, open_triangles
+from mdcs_pipeline.kernels.problem import Accuracy, Problem
 from mdcs_pipeline.kernels.seeding import spread_points
 from mdcs_pipeline.kernels.separation import Rings, contracted, false_loops, surroundings
-from mdcs_pipeline.kernels.sinkhorn import Accuracy, Problem, solve_free
+from mdcs_pipeline.kernels.sinkhorn import solve_free
 from mdcs_pipeline.kernels.spanning import piece_labels, spanning_links
 from mdcs_pipeline.kernels.surface import surface_graph
 from mdcs_pipeline.kernels.symmetry import asymmetry, false_cycle_nodes

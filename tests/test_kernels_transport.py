@@ -27,15 +27,8 @@ from mdcs_pipeline.kernels.compiled.boxes import box_bounds, box_order
 from mdcs_pipeline.kernels.compiled.exponential import vector_exp
 from mdcs_pipeline.kernels.compiled.shares import top_shares
 from mdcs_pipeline.kernels.energy import distances, mean_distance, transport_energy
-from mdcs_pipeline.kernels.sinkhorn import (
-    Accuracy,
-    Problem,
-    Solution,
-    couple,
-    couple_free,
-    solve,
-    solve_free,
-)
+from mdcs_pipeline.kernels.problem import Accuracy, Problem, Solution
+from mdcs_pipeline.kernels.sinkhorn import couple, couple_free, solve, solve_free
 
 TIGHT = Accuracy(tolerance=1e-8, cut=1e-12, max_passes=5000)
 

@@ -11,7 +11,8 @@ from scipy import sparse
 
 from mdcs_pipeline.kernels.energy import bending_energy, transport_energy
 from mdcs_pipeline.kernels.optimise import Descent, optimise
-from mdcs_pipeline.kernels.sinkhorn import Accuracy, Problem, solve, solve_free
+from mdcs_pipeline.kernels.problem import Accuracy, Problem
+from mdcs_pipeline.kernels.sinkhorn import solve, solve_free
 from mdcs_pipeline.kernels.update import Pull, bending, pull, relaxed_step
 
 TIGHT = Accuracy(tolerance=1e-9, cut=1e-13, max_passes=20_000)

@@ -12,7 +12,7 @@ from scipy import sparse
 from mdcs_pipeline.kernels.covering import fallen_apart, nearest_node
 from mdcs_pipeline.kernels.merging import close_pairs
 from mdcs_pipeline.kernels.optimise import Descent, optimise
-from mdcs_pipeline.kernels.sinkhorn import Accuracy, Problem
+from mdcs_pipeline.kernels.problem import Accuracy, Problem
 from mdcs_pipeline.messages import MassCloud, Nodes, TransportPlan, UnitFrame
 from mdcs_pipeline.stages.link import Link
 from mdcs_pipeline.stages.merge import Merge

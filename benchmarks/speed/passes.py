@@ -10,7 +10,8 @@ import numpy as np
 from benchmarks.speed.problems import transport_problem
 from mdcs_pipeline.kernels.blocks import BOX, filled, in_cells
 from mdcs_pipeline.kernels.compiled.balance import sinkhorn_pass
-from mdcs_pipeline.kernels.sinkhorn import Accuracy, Problem, couple, solve
+from mdcs_pipeline.kernels.problem import Accuracy, Problem
+from mdcs_pipeline.kernels.sinkhorn import couple, solve
 
 EXACT = Accuracy(1e-10, 1e-14, 20_000)
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mdcs_pipeline.kernels.sinkhorn import Problem
+from mdcs_pipeline.kernels.problem import Problem
 
 Floats = NDArray[np.floating]
 DATA = Path(os.environ.get("MDCS_DATA", Path(__file__).resolve().parents[3] / "shared" / "data"))

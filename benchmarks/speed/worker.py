@@ -50,7 +50,8 @@ def timed(work: Work, warm: bool = True) -> dict[str, Any]:
 
 
 def solve_ours(tolerance: float = 1e-3, cut: float = 1e-5) -> dict[str, Any]:
-    from mdcs_pipeline.kernels.sinkhorn import Accuracy, couple
+    from mdcs_pipeline.kernels.problem import Accuracy
+    from mdcs_pipeline.kernels.sinkhorn import couple
 
     problem = problems.transport_problem()
     accuracy = Accuracy(tolerance, cut)

@@ -15,7 +15,8 @@ import numpy as np
 
 from benchmarks.stream.run import streamed, surface
 from benchmarks.stream.scenes import WALK_VOXEL, orbit_views, walk_views
-from mdcs_pipeline.kernels.sinkhorn import Accuracy, Problem, solve
+from mdcs_pipeline.kernels.problem import Accuracy, Problem
+from mdcs_pipeline.kernels.sinkhorn import solve
 from mdcs_pipeline.skeleton import Skeleton
 
 LAPS = ("y", "hand5", "quadruped", "humanoid", "cube", "ladder", "helix", "mug", "chair", "torus")

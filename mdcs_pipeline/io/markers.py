@@ -63,30 +63,53 @@ class MarkerHistory:
     def __init__(self) -> None:
         self._shown: dict[tuple[str, int], int] = {}
 
-    def show(self, skeleton: Skeleton) -> list[MarkerValues]:
+    def show(
+        self, skeleton: Skeleton, line_width: float = 0.0, node_size: float = 1.0
+    ) -> list[MarkerValues]:
         """Return the deletions and markers that show `skeleton` in place of the last one."""
-        made = skeleton_markers(skeleton)
-        shown = {(marker.ns, marker.id): marker.type for marker in made}
-        gone = [
-            _marker(ns, number, kind, _CLEAR)._replace(action=DELETE)
-            for (ns, number), kind in self._shown.items()
-            if (ns, number) not in shown
-        ]
-        self._shown = shown
+        made = skeleton_markers(skeleton, line_width, node_size)
+        gone = self._without({(marker.ns, marker.id) for marker in made})
+        self._shown = {(marker.ns, marker.id): marker.type for marker in made}
         return gone + made
 
+    def clear(self) -> list[MarkerValues]:
+        """Return what takes all that is shown away."""
+        gone = self._without(set())
+        self._shown = {}
+        return gone
 
-def skeleton_markers(skeleton: Skeleton) -> list[MarkerValues]:
+    def _without(self, kept: set[tuple[str, int]]) -> list[MarkerValues]:
+        return [
+            _marker(ns, number, kind, _CLEAR)._replace(action=DELETE)
+            for (ns, number), kind in self._shown.items()
+            if (ns, number) not in kept
+        ]
+
+
+def skeleton_markers(
+    skeleton: Skeleton, line_width: float = 0.0, node_size: float = 1.0
+) -> list[MarkerValues]:
     """Return the edges as one list of lines and the nodes as spheres.
 
-    A sphere's volume goes with its node's mass; one of mean mass is as wide as the median
-    radius. Lines are a quarter as wide: thin ones vanish inside the cloud.
+    A sphere's volume goes with its node's mass. Thin lines vanish inside the cloud.
+
+    Parameters
+    ----------
+    skeleton : Skeleton
+    line_width : float
+        In the skeleton's unit; 0 for a quarter of the median radius.
+    node_size : float
+        Diameter of a node of mean mass, in median radii.
+
+    Returns
+    -------
+    list of MarkerValues
     """
     if not len(skeleton):
         return []
     extent = float(np.linalg.norm(np.ptp(skeleton.nodes, axis=0)))
     unit = float(np.median(skeleton.radius)) or 0.01 * extent or 0.01
-    sizes = unit * np.clip(np.cbrt(skeleton.mass * len(skeleton)), _LEAST, None)
+    sizes = node_size * unit * np.clip(np.cbrt(skeleton.mass * len(skeleton)), _LEAST, None)
     made = []
     for (x, y, z), name, wide in zip(
         skeleton.nodes.tolist(), skeleton.node_ids.tolist(), sizes.tolist(), strict=True
@@ -96,7 +119,8 @@ def skeleton_markers(skeleton: Skeleton) -> list[MarkerValues]:
     if len(skeleton.edges):
         lines = _marker(EDGES, 0, LINE_LIST, _EDGE_COLOR)
         ends = skeleton.nodes[skeleton.edges.ravel()]
-        made.append(lines._replace(scale=(0.25 * unit, 0.0, 0.0), points=ends))
+        width = line_width or 0.25 * unit
+        made.append(lines._replace(scale=(width, 0.0, 0.0), points=ends))
     return made
 
 

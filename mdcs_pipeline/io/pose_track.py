@@ -90,7 +90,7 @@ class PoseTrack:
             Between two poses that count, positions are interpolated along the straight and
             rotations along the shortest way. With one of them, that one.
         """
-        from scipy.spatial.transform import Rotation, Slerp
+        from scipy.spatial.transform import Rotation
 
         after = int(np.searchsorted(self._stamps, stamp_ns))
         near = [
@@ -105,9 +105,32 @@ class PoseTrack:
         # Exact differences first: float64 cannot tell nanoseconds since 1970 apart.
         span = int(self._stamps[near[1]]) - int(self._stamps[near[0]])
         share = (stamp_ns - int(self._stamps[near[0]])) / span
-        turn = Slerp([0.0, 1.0], Rotation.from_quat(self._turns[near]))([share]).as_matrix()
-        place = (1 - share) * self._places[near[0]] + share * self._places[near[1]]
-        return _matrices(place[None], turn)[0]
+        place, turn = interpolated(share, self._places[near], self._turns[near])
+        return _matrices(place[None], Rotation.from_quat(turn[None]).as_matrix())[0]
+
+
+def interpolated(
+    share: float, places: FloatArray, turns: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the pose at a share of the way from the first of two poses to the second.
+
+    Parameters
+    ----------
+    share : float
+        In [0, 1].
+    places : (2, 3) float64
+    turns : (2, 4) float64
+        Quaternions x, y, z, w.
+
+    Returns
+    -------
+    (3,) and (4,) float64
+        The place on the straight, and the quaternion on the shortest way.
+    """
+    from scipy.spatial.transform import Rotation, Slerp
+
+    turn = Slerp([0.0, 1.0], Rotation.from_quat(turns))([share]).as_quat()[0]
+    return (1 - share) * places[0] + share * places[1], turn
 
 
 def _matrices(places: FloatArray, turns: FloatArray) -> list[FloatArray]:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from mdcs_pipeline.kernels.sinkhorn import Solution
+from mdcs_pipeline.kernels.problem import Solution
 
 FloatArray = NDArray[np.float64]
 

@@ -9,14 +9,8 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from mdcs_pipeline.kernels.energy import bending_energy
-from mdcs_pipeline.kernels.sinkhorn import (
-    Accuracy,
-    Coupling,
-    Problem,
-    Solution,
-    couple,
-    couple_free,
-)
+from mdcs_pipeline.kernels.problem import Accuracy, Coupling, Problem, Solution
+from mdcs_pipeline.kernels.sinkhorn import couple, couple_free
 from mdcs_pipeline.kernels.update import Pull, bending, pull, relaxed_step
 
 FloatArray = NDArray[np.float64]

@@ -9,6 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from mdcs_pipeline.kernels.surface import principal_axes
+
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
@@ -27,12 +29,10 @@ def free_angle(points: FloatArray, indices: IntArray) -> FloatArray:
     (n,) float64
         Radians, in (0, 2π].
     """
-    patch = np.concatenate([points[:, None], points[indices]], axis=1)
-    offset = patch - patch.mean(axis=1, keepdims=True)
-    _, vectors = np.linalg.eigh(np.einsum("nka,nkb->nab", offset, offset))
+    axes = principal_axes(points, indices)
     around = points[indices] - points[:, None]
-    across = np.einsum("nka,na->nk", around, vectors[:, :, 1])
-    along = np.einsum("nka,na->nk", around, vectors[:, :, 2])
+    across = np.einsum("nka,na->nk", around, axes[:, :, 1])
+    along = np.einsum("nka,na->nk", around, axes[:, :, 2])
     angle = np.sort(np.arctan2(across, along), axis=1)
     closing = angle[:, :1] + 2.0 * np.pi - angle[:, -1:]
     gaps = np.concatenate([np.diff(angle, axis=1), closing], axis=1)

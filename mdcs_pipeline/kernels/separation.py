@@ -126,6 +126,7 @@ def contracted(
     hops: int,
     overlap: float,
     majority: float,
+    loops: list[list[int]] | None = None,
 ) -> IntArray:
     """Return which node each node becomes when false loops shrink to one node, shortest first.
 
@@ -140,6 +141,8 @@ def contracted(
     hops : int
     overlap : float
     majority : float
+    loops : list of list of int, optional
+        The false loops that there are before any shrinks, where they are known.
 
     Returns
     -------
@@ -147,10 +150,10 @@ def contracted(
         The smallest index of the nodes that became one.
     """
     into = np.arange(count)
-    while True:
+    while loops is None or loops:
+        if loops:
+            loop = min(loops, key=len)
+            into[np.isin(into, loop)] = min(loop)
         rings = Rings(graph, into[owner], hops)
         loops = false_loops(count, unique_pairs(into[pairs]), rings, overlap, majority)
-        if not loops:
-            return into
-        loop = min(loops, key=len)
-        into[np.isin(into, loop)] = min(loop)
+    return into

@@ -35,15 +35,32 @@ def averaged(points: FloatArray, neighbours: int) -> FloatArray:
     return np.asarray(sums / (1 + found.indices.shape[1]), dtype=np.float64)
 
 
+def principal_axes(points: FloatArray, indices: NDArray[np.int64]) -> FloatArray:
+    """Return the axes of each point's neighbourhood, itself included, the thinnest first.
+
+    Parameters
+    ----------
+    points : (n, 3) float64
+    indices : (n, k) int64
+        Neighbours of each point.
+
+    Returns
+    -------
+    (n, 3, 3) float64
+        Unit vectors in the columns; on a surface the first is the normal. Signs mean nothing.
+    """
+    patch = np.concatenate([points[:, None], points[indices]], axis=1)
+    offset = patch - patch.mean(axis=1, keepdims=True)
+    _, vectors = np.linalg.eigh(np.einsum("nka,nkb->nab", offset, offset))
+    return np.asarray(vectors, dtype=np.float64)
+
+
 def normals(points: FloatArray, indices: NDArray[np.int64]) -> FloatArray:
     """Return the direction in which each point's neighbourhood is thinnest, (n, 3), unit.
 
     Its sign means nothing.
     """
-    patch = np.concatenate([points[:, None], points[indices]], axis=1)
-    offset = patch - patch.mean(axis=1, keepdims=True)
-    _, vectors = np.linalg.eigh(np.einsum("nka,nkb->nab", offset, offset))
-    return np.asarray(vectors[:, :, 0], dtype=np.float64)
+    return principal_axes(points, indices)[:, :, 0]
 
 
 def surface_graph(

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.spatial import cKDTree
 
-from mdcs_pipeline.kernels.compiled.patches import closing_patches, spread_minimum
+from mdcs_pipeline.kernels.compiled.patches import closing_patches
+from mdcs_pipeline.kernels.compiled.spreading import spread_minimum
 from mdcs_pipeline.kernels.seeding import spread_points
 
 FloatArray = NDArray[np.float64]

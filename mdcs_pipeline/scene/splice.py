@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +12,7 @@ from mdcs_pipeline.kernels.assignment import plan_owners
 from mdcs_pipeline.kernels.contact import contacts
 from mdcs_pipeline.messages import RoughSkeleton, Skeleton, Surface, Thickness
 from mdcs_pipeline.scene.change import SceneChange
+from mdcs_pipeline.scene.difference import difference, snapshot
 from mdcs_pipeline.scene.graph import Chain, Pair, SceneGraph, SceneNode, pair_of
 from mdcs_pipeline.scene.region import Region
 from mdcs_pipeline.scene.state import Scene, World
@@ -43,14 +43,6 @@ class Update(NamedTuple):
     thickness: Thickness
 
 
-class _Part(NamedTuple):
-    """Places and edges of all that an update may touch, inserted nodes included."""
-
-    places: dict[int, tuple[float, ...]]
-    edges: set[Pair]
-    chains: dict[Pair, Chain]
-
-
 def splice_nothing(scene: Scene, region: Region) -> SceneChange:
     """Return the change of a frame that brought too little for an update.
 
@@ -65,12 +57,12 @@ def splice_nothing(scene: Scene, region: Region) -> SceneChange:
         if name in graph.nodes and not _cells(scene.world, name)
     ]
     if gone and not len(region):
-        before = _snapshot(scene.world, set(gone))
+        before = snapshot(scene.world, set(gone))
         for name in gone:
             graph.remove(name)
         scene.vacated -= set(gone)
         _hand_back(scene, set(gone))
-        return _difference(scene, region, before, set())
+        return difference(scene, region, before, set())
     return SceneChange(region.header, scene=scene.number, figures=region.figures)
 
 
@@ -102,7 +94,7 @@ def splice_update(scene: Scene, region: Region, update: Update) -> SceneChange:
     fixed = rough.nodes.fixed
     free = {name for name, stays in zip(ids, fixed.tolist(), strict=True) if not stays}
     seen = {*region.active.tolist(), *ids}
-    before = _snapshot(world, seen)
+    before = snapshot(world, seen)
     _own(world, region, update, free)
     inherited = _inherited(world, region, free)
     for name in region.active.tolist():
@@ -118,7 +110,7 @@ def splice_update(scene: Scene, region: Region, update: Update) -> SceneChange:
             graph.join(pair, _STRAIGHT)
     scene.vacated -= set(region.active.tolist())
     _hand_back(scene, set(region.active.tolist()) - free)
-    return _difference(scene, region, before, seen & graph.nodes.keys())
+    return difference(scene, region, before, seen & graph.nodes.keys())
 
 
 def _inherited(world: World, region: Region, free: set[int]) -> list[Pair]:
@@ -281,44 +273,3 @@ def _chains(update: Update) -> list[tuple[int, int, list[int]]]:
             if start < at < count:
                 found.append((start, at, chain))
     return found
-
-
-def _snapshot(world: World, names: set[int]) -> _Part:
-    graph = world.graph
-    held = {name for name in names if name in graph.nodes}
-    pairs = {pair_of(name, other) for name in held for other in graph.nodes[name].links}
-    chains = {pair: graph.chains[pair] for pair in sorted(pairs)}
-    places = {name: tuple(graph.nodes[name].position.tolist()) for name in sorted(held)}
-    edges: set[Pair] = set()
-    for (i, j), chain in chains.items():
-        ids = chain.ids.tolist()
-        places.update(zip(ids, map(tuple, chain.positions.tolist()), strict=True))
-        edges.update(pair_of(a, b) for a, b in pairwise([i, *ids, j]))
-    return _Part(places, edges, chains)
-
-
-def _difference(scene: Scene, region: Region, before: _Part, names: set[int]) -> SceneChange:
-    assert scene.world is not None
-    world = scene.world
-    after = _snapshot(world, names)
-    added = sorted(after.places.keys() - before.places.keys())
-    removed = sorted(before.places.keys() - after.places.keys())
-    moved = sorted(
-        name for name, place in after.places.items() if before.places.get(name, place) != place
-    )
-    rows = np.array([after.places[name] for name in [*added, *moved]]).reshape(-1, 3)
-    return SceneChange(
-        header=region.header,
-        added=np.array(added, dtype=np.int64),
-        moved=np.array(moved, dtype=np.int64),
-        removed=np.array(removed, dtype=np.int64),
-        positions=world.unit.from_unit(rows),
-        joined=_as_pairs(after.edges - before.edges),
-        parted=_as_pairs(before.edges - after.edges),
-        scene=scene.number,
-        figures={**region.figures, "nodes": len(world.graph)},
-    )
-
-
-def _as_pairs(edges: set[Pair]) -> IntArray:
-    return np.array(sorted(edges), dtype=np.int64).reshape(-1, 2)

@@ -120,17 +120,6 @@ class Check(Stage[CheckSettings]):
         loops = false_loops(len(nodes), rough.edges, rings, settings.overlap, settings.majority)
         if not loops:
             return Checked(None, None, rough)
-        into = contracted(
-            len(nodes),
-            rough.edges,
-            surface.graph,
-            owner,
-            settings.hops,
-            settings.overlap,
-            settings.majority,
-        )
-        # What surrounds an update must not move: there a loop waits to be widened.
-        accepted = rough if nodes.fixed.any() else gathered(rough, into)
         false = np.zeros(len(nodes), dtype=bool)
         false[np.concatenate([np.array(loop) for loop in loops])] = True
         false &= ~nodes.fixed
@@ -139,7 +128,12 @@ class Check(Stage[CheckSettings]):
         growth = np.where(false, settings.widening, 1.0)
         wider = replace(thickness, radius=thickness.radius * growth[owner])
         back = replace(_sent_back(nodes, false), scale=nodes.scale * growth)
-        return Checked(back, wider, accepted)
+        # What surrounds an update must not move: there a loop waits to be widened.
+        if nodes.fixed.any():
+            return Checked(back, wider, rough)
+        rule = settings.hops, settings.overlap, settings.majority
+        into = contracted(len(nodes), rough.edges, surface.graph, owner, *rule, loops)
+        return Checked(back, wider, gathered(rough, into))
 
 
 def _sent_back(nodes: Nodes, false: BoolArray) -> Nodes:

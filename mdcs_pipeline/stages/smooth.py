@@ -15,7 +15,8 @@ from mdcs_pipeline.kernels.ends import limb_ends, lone_segments, stretched
 from mdcs_pipeline.kernels.energy import mean_distance
 from mdcs_pipeline.kernels.insertion import Refined, insert_points
 from mdcs_pipeline.kernels.optimise import Descent, Optimised, optimise
-from mdcs_pipeline.kernels.sinkhorn import Accuracy, Problem, couple_free
+from mdcs_pipeline.kernels.problem import Accuracy, Problem
+from mdcs_pipeline.kernels.sinkhorn import couple_free
 from mdcs_pipeline.messages import MassCloud, PointCloud, RoughSkeleton, Skeleton, Thickness
 from mdcs_pipeline.stage import Settings, Stage
 

@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field
 
 from mdcs_pipeline.kernels.optimise import Descent, Optimised, optimise
-from mdcs_pipeline.kernels.sinkhorn import Accuracy, Problem
+from mdcs_pipeline.kernels.problem import Accuracy, Problem
 from mdcs_pipeline.messages import MassCloud, Nodes, Thickness, TransportPlan
 from mdcs_pipeline.stage import Settings, Stage
 
