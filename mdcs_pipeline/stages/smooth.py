@@ -19,6 +19,7 @@ from mdcs_pipeline.kernels.problem import Accuracy, Problem
 from mdcs_pipeline.kernels.sinkhorn import couple_free
 from mdcs_pipeline.messages import MassCloud, PointCloud, RoughSkeleton, Skeleton, Thickness
 from mdcs_pipeline.stage import Settings, Stage
+from mdcs_pipeline.stages.transport import carried_from
 
 _ACCURACY = Accuracy()
 _DESCENT = Descent()
@@ -48,6 +49,9 @@ class SmoothSettings(Settings):
     )
     stretch: bool = Field(
         True, description="Whether ends first move out to the centre of their limb's tip."
+    )
+    carried: Literal["surface", "centre"] = Field(
+        "surface", description="What the plan carries mass from, as in transport."
     )
     insert: bool = Field(True, description="Whether points are inserted into edges (Eq. 7).")
     least_spacing: float = Field(
@@ -157,7 +161,7 @@ class Smooth(Stage[SmoothSettings]):
         settings = self.settings
         count = len(refined.positions)
         problem = Problem(
-            cloud.positions,
+            carried_from(cloud, thickness, settings.carried),
             cloud.mass,
             refined.positions,
             np.full(count, 1.0 / count),

@@ -6,8 +6,10 @@ from dataclasses import replace
 from typing import Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
+from mdcs_pipeline.errors import InputError
 from mdcs_pipeline.kernels.optimise import Descent, Optimised, optimise
 from mdcs_pipeline.kernels.problem import Accuracy, Problem
 from mdcs_pipeline.messages import MassCloud, Nodes, Thickness, TransportPlan
@@ -64,6 +66,11 @@ class TransportSettings(Settings):
     max_passes: int = Field(
         _ACCURACY.max_passes, ge=1, description="Bound on kernel passes a solve."
     )
+    carried: Literal["surface", "centre"] = Field(
+        "surface",
+        description="surface: the plan carries mass from the points; centre: from the centres "
+        "that the thickness holds for them, so that half a shell, or two, meet on the axis.",
+    )
     precision: Literal["single", "double"] = Field(
         _ACCURACY.precision,
         description="Numbers that the kernel is kept in; single is twice as fast, double keeps "
@@ -94,7 +101,7 @@ class Transport(Stage[TransportSettings]):
         settings = self.settings
         ones = np.ones(len(cloud))
         problem = Problem(
-            cloud.positions,
+            carried_from(cloud, thickness, settings.carried),
             cloud.mass,
             nodes.positions,
             nodes.mass,
@@ -117,6 +124,26 @@ class Transport(Stage[TransportSettings]):
         )
         plan = as_plan(found, nodes, thickness, settings.marginals == "free")
         return TransportOutput(plan, thickness)
+
+
+def carried_from(
+    cloud: MassCloud, thickness: Thickness | None, carried: Literal["surface", "centre"]
+) -> NDArray[np.float64]:
+    """Return the places, (n, 3), that the cloud's mass is carried from.
+
+    Raises
+    ------
+    InputError
+        If centres are asked for and no thickness holds them.
+    """
+    if carried == "surface":
+        return cloud.positions
+    if thickness is None or thickness.centre is None:
+        raise InputError(
+            "carried 'centre' needs a thickness with centres",
+            remedy="connect the port thickness to a stage medial, or set carried to surface",
+        )
+    return thickness.centre
 
 
 def as_plan(

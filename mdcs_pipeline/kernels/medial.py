@@ -1,0 +1,191 @@
+"""Medial places: the centre of the limb, seen from each point of its surface.
+
+A point of a tube lies on a ball around the axis that touches the surface all around. That ball
+is known from the point, its normal, and whatever other points it meets: half a shell shows it
+as well as a whole one, and two shells that no surface joins show the same one. So mass that is
+carried from the balls' centres, y − r n, instead of from the points y themselves, meets on the
+axis: E‖x − y‖² over a ring is ‖x − c‖² + r², and c is all of it that depends on x.
+
+Where noise is not small against r the surface has no normal, and points stay where they are.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from mdcs_pipeline.kernels.compiled.grid import grid_of, scattered
+from mdcs_pipeline.kernels.compiled.tangent import (
+    bends,
+    medians_alike,
+    patch_planes,
+    tangent_radii,
+)
+
+FloatArray = NDArray[np.float64]
+
+# A patch with fewer points has no normal to speak of.
+_LEAST = 12
+# A patch that is thicker than this against its width is none: it reaches around its limb.
+_FLAT = 0.2
+# Rounds in which neighbours agree on what is outside; each reaches one link farther.
+_ROUNDS = 60
+# Weight of a point's own evidence beside its neighbours'.
+_OWN = 0.03
+# Neighbours whose normals are farther apart than this cosine are on another side of the limb.
+_ALIKE = 0.2
+
+
+class MedialRule(NamedTuple):
+    """How medial places are found.
+
+    Parameters
+    ----------
+    patch : float
+        Radius of the patch that a normal is fitted to, in local radii.
+    apart : float
+        Angle, in radians and seen from a ball's centre, from which points limit it.
+    pierced : int
+        Points that may lie inside a ball.
+    widest : float
+        Largest ball, in local radii.
+    smooth, rough : float
+        Spread of a patch along its normal beyond that of a tube, in local radii, up to which
+        the ball counts fully, and from which it does not count.
+    passes : int
+        How often patches are fitted, each time to the points as the last fit smoothed them.
+    """
+
+    patch: float = 0.7
+    apart: float = 1.4
+    pierced: int = 3
+    widest: float = 4.0
+    smooth: float = 0.08
+    rough: float = 0.13
+    passes: int = 3
+
+
+class Medial(NamedTuple):
+    """Where the middle is, and how far away.
+
+    Parameters
+    ----------
+    places : (n, 3) float64
+    radius : (n,) float64
+    trust : (n,) float64
+        1 where the surface is smooth against its radius, 0 where it is rough.
+    normals : (n, 3) float64
+        Unit, outwards.
+    """
+
+    places: FloatArray
+    radius: FloatArray
+    trust: FloatArray
+    normals: FloatArray
+
+
+def medial_places(
+    points: FloatArray,
+    mass: FloatArray,
+    graph: sparse.csr_array,
+    radius: FloatArray,
+    rule: MedialRule,
+) -> Medial:
+    """Return each point's medial place, and its distance from the surface.
+
+    Parameters
+    ----------
+    points : (n, 3) float64
+    mass : (n,) float64
+    graph : csr_array, (n, n)
+        Neighbours along the surface; they agree on what is outside.
+    radius : (n,) float64
+        First estimate of the local radius, positive.
+    rule : MedialRule
+
+    Returns
+    -------
+    Medial
+    """
+    if not len(points):
+        return Medial(points.copy(), radius.copy(), np.empty(0), points.copy())
+    grid = grid_of(points, float(np.median(rule.patch * radius)))
+    order = grid.order
+    first, reach = radius[order], rule.patch * radius[order]
+    links = graph[order][:, order]
+    fitted = level = grid
+    for _ in range(rule.passes):
+        normals, heights, spreads, widths = patch_planes(fitted, mass[order], reach, _LEAST)
+        side = _outwards(normals, bends(fitted, normals, first), links)
+        normals *= side[:, None]
+        # A disc of radius ρ on a tube has its mean ρ²/8r under its top, and spreads as much.
+        sagging = widths**2 / (8.0 * first)
+        moved = sagging - heights * side
+        level = fitted._replace(points=fitted.points + moved[:, None] * normals)
+        rough = np.sqrt(np.maximum(spreads[:, 0] ** 2 - sagging**2, 0.0)) / first
+        rough[spreads[:, 0] > _FLAT * spreads[:, 1]] = np.inf
+        rough = medians_alike(grid, normals, reach, rough, -1.0)
+        again = rough > rule.smooth
+        if not again.any():
+            break
+        # What is smooth would only lose its shape.
+        fitted = grid._replace(points=np.where(again[:, None], level.points, fitted.points))
+    ball = tangent_radii(level, normals, rule.widest * first, rule.apart, rule.pierced)
+    ball = medians_alike(grid, normals, reach, ball, _ALIKE)
+    trust = np.clip((rule.rough - rough) / (rule.rough - rule.smooth), 0.0, 1.0)
+    inner = level.points - ball[:, None] * normals
+    return Medial(
+        scattered(grid, grid.points + trust[:, None] * (inner - grid.points)),
+        scattered(grid, first + trust * (ball - first)),
+        scattered(grid, trust),
+        scattered(grid, normals),
+    )
+
+
+def _outwards(normals: FloatArray, bend: FloatArray, graph: sparse.csr_array) -> FloatArray:
+    """Return 1 for normals that point outwards and −1 for the others.
+
+    Each point's own evidence is the bend of the surface; neighbours whose normals are parallel
+    lend each other theirs.
+    """
+    links = sparse.coo_array(graph)
+    cosine = np.einsum("ea,ea->e", normals[links.row], normals[links.col])
+    weights = sparse.csr_array((cosine * np.abs(cosine), (links.row, links.col)), links.shape)
+    total = np.maximum(np.bincount(links.row, cosine**2, minlength=len(normals)), 1e-9)
+    own = np.clip(3.0 * bend, -1.0, 1.0)
+    said = own
+    for _ in range(_ROUNDS):
+        said = _OWN * own + (1.0 - _OWN) * (weights @ np.clip(said, -1.0, 1.0)) / total
+    return np.where(said < 0.0, -1.0, 1.0)
+
+
+def without_gaps(
+    graph: sparse.csr_array, points: FloatArray, found: Medial, gap: float
+) -> sparse.csr_array:
+    """Return the graph without links through the air between two limbs.
+
+    Along a limb two neighbours' medial places are as far apart as they are themselves; across a
+    gap each has its own on the far side.
+
+    Parameters
+    ----------
+    graph : csr_array, (n, n)
+    points : (n, 3) float64
+    found : Medial
+    gap : float
+        How much farther apart medial places may be than their points, in the smaller radius.
+
+    Returns
+    -------
+    csr_array, (n, n)
+    """
+    links = sparse.coo_array(graph)
+    i, j = links.row, links.col
+    sure = np.minimum(found.trust[i], found.trust[j]) > 0.5
+    inside = np.linalg.norm(found.places[i] - found.places[j], axis=1)
+    outside = np.linalg.norm(points[i] - points[j], axis=1)
+    kept = ~sure | (inside - outside <= gap * np.minimum(found.radius[i], found.radius[j]))
+    return sparse.csr_array((links.data[kept], (i[kept], j[kept])), links.shape)

@@ -1,0 +1,89 @@
+"""Where the middle of the limb is, seen from each point of its surface."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from pydantic import Field
+
+from mdcs_pipeline.kernels.medial import MedialRule, medial_places, without_gaps
+from mdcs_pipeline.messages import MassCloud, Surface, Thickness
+from mdcs_pipeline.stage import Settings, Stage
+
+_RULE = MedialRule()
+
+
+class MedialSettings(Settings):
+    """Settings of `Medial`."""
+
+    patch: float = Field(
+        _RULE.patch,
+        gt=0,
+        le=2,
+        description="Radius of the patch that a normal is fitted to, in local radii.",
+    )
+    apart: float = Field(
+        _RULE.apart,
+        gt=0,
+        le=3.1,
+        description="Angle in radians, seen from the centre of a ball that touches the surface, "
+        "from which other points limit it: what is nearer shows noise.",
+    )
+    pierced: int = Field(
+        _RULE.pierced, ge=0, le=100, description="Points that may lie inside such a ball."
+    )
+    widest: float = Field(
+        _RULE.widest, gt=1, description="Largest ball, in the radius of the patch that closed."
+    )
+    smooth: float = Field(
+        _RULE.smooth,
+        ge=0,
+        description="Roughness, spread of a patch along its normal in local radii, up to which "
+        "the ball is believed.",
+    )
+    rough: float = Field(
+        _RULE.rough,
+        gt=0,
+        description="Roughness from which it is not: there points stay where they are.",
+    )
+    passes: int = Field(
+        _RULE.passes,
+        ge=1,
+        le=10,
+        description="How often patches are fitted, each time to the points as smoothed before.",
+    )
+    gap: float = Field(
+        0.5,
+        gt=0,
+        description="How much farther apart than two neighbours their medial places may be, in "
+        "the smaller radius, before the link between them leads through the air.",
+    )
+
+
+class MedialOutput(NamedTuple):
+    """Outputs of `Medial`."""
+
+    thickness: Thickness
+    surface: Surface
+
+
+class Medial(Stage[MedialSettings]):
+    """Find, from each point, the centre and radius of the ball inside that touches it."""
+
+    Settings = MedialSettings
+
+    def __call__(self, cloud: MassCloud, surface: Surface, thickness: Thickness) -> MedialOutput:
+        """Return the thickness with the balls' radii and centres, where the surface shows them.
+
+        The surface comes without the links between limbs that these tell apart.
+        """
+        rule = self.settings.model_dump()
+        gap = rule.pop("gap")
+        found = medial_places(
+            cloud.positions, cloud.mass, surface.graph, thickness.radius, MedialRule(**rule)
+        )
+        graph = without_gaps(surface.graph, cloud.positions, found, gap)
+        return MedialOutput(
+            Thickness(found.radius, thickness.confidence, found.places),
+            Surface(surface.positions, graph),
+        )
