@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from mdcs_pipeline.kernels.compiled.grid import grid_of, scattered
+from mdcs_pipeline.kernels.compiled.grid import covering, grid_of, scattered
 from mdcs_pipeline.kernels.compiled.tangent import (
     bends,
     medians_alike,
@@ -44,6 +44,8 @@ class MedialRule(NamedTuple):
 
     Parameters
     ----------
+    coarse : float
+        Points this near to another, in local radii, have its ball.
     patch : float
         Radius of the patch that a normal is fitted to, in local radii.
     apart : float
@@ -59,6 +61,7 @@ class MedialRule(NamedTuple):
         How often patches are fitted, each time to the points as the last fit smoothed them.
     """
 
+    coarse: float = 0.15
     patch: float = 0.7
     apart: float = 1.4
     pierced: int = 3
@@ -112,6 +115,33 @@ def medial_places(
     """
     if not len(points):
         return Medial(points.copy(), radius.copy(), np.empty(0), points.copy())
+    grid = grid_of(points, float(np.median(rule.coarse * radius)))
+    chosen, stands = covering(grid, rule.coarse * radius[grid.order])
+    # Which of the chosen stands for each point, in the cloud's order.
+    stands = scattered(grid, stands)
+    chosen = grid.order[chosen]
+    links = sparse.coo_array(graph)
+    entries = links.data, (stands[links.row], stands[links.col])
+    joined = sparse.csr_array(sparse.coo_array(entries, shape=(len(chosen),) * 2))
+    held = np.bincount(stands, mass).astype(np.float64)
+    found = _balls(points[chosen], held, joined, radius[chosen], rule)
+    trust = found.trust[stands]
+    return Medial(
+        points + trust[:, None] * (found.places[stands] - points),
+        radius + trust * (found.radius[stands] - radius),
+        trust,
+        found.normals[stands],
+    )
+
+
+def _balls(
+    points: FloatArray,
+    mass: FloatArray,
+    graph: sparse.csr_array,
+    radius: FloatArray,
+    rule: MedialRule,
+) -> Medial:
+    """Return centre and radius of the ball inside that touches the surface at each point."""
     grid = grid_of(points, float(np.median(rule.patch * radius)))
     order = grid.order
     first, reach = radius[order], rule.patch * radius[order]
@@ -135,12 +165,10 @@ def medial_places(
         fitted = grid._replace(points=np.where(again[:, None], level.points, fitted.points))
     ball = tangent_radii(level, normals, rule.widest * first, rule.apart, rule.pierced)
     ball = medians_alike(grid, normals, reach, ball, _ALIKE)
-    trust = np.clip((rule.rough - rough) / (rule.rough - rule.smooth), 0.0, 1.0)
-    inner = level.points - ball[:, None] * normals
     return Medial(
-        scattered(grid, grid.points + trust[:, None] * (inner - grid.points)),
-        scattered(grid, first + trust * (ball - first)),
-        scattered(grid, trust),
+        scattered(grid, level.points - ball[:, None] * normals),
+        scattered(grid, ball),
+        scattered(grid, np.clip((rule.rough - rough) / (rule.rough - rule.smooth), 0.0, 1.0)),
         scattered(grid, normals),
     )
 

@@ -16,6 +16,13 @@ _RULE = MedialRule()
 class MedialSettings(Settings):
     """Settings of `Medial`."""
 
+    coarse: float = Field(
+        _RULE.coarse,
+        ge=0,
+        le=0.5,
+        description="Points this near to another, in local radii, have its ball: what is thick "
+        "against its sampling costs no more than what is thin.",
+    )
     patch: float = Field(
         _RULE.patch,
         gt=0,

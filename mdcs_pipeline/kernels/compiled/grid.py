@@ -6,7 +6,7 @@ found by halving. No cell is stored, so a few far points cost nothing.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numba import njit
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from mdcs_pipeline.kernels.compiled.types import FloatArray, IntArray
 
+T = TypeVar("T", bound=np.generic)
 # Cells along an axis at most: three such numbers fit into one key.
 _MOST = 2**20
 
@@ -114,7 +115,38 @@ def within(grid: Grid, place: FloatArray, reach: float, found: IntArray) -> int:
     return count
 
 
-def scattered(grid: Grid, values: NDArray[np.float64]) -> NDArray[np.float64]:
+@njit(cache=True, nogil=True)
+def covering(grid: Grid, reach: FloatArray) -> tuple[IntArray, IntArray]:
+    """Return points, in the grid's order, that all others are near to.
+
+    Parameters
+    ----------
+    grid : Grid
+    reach : (n,) float64
+        How far a point that is chosen stands for others.
+
+    Returns
+    -------
+    chosen : (m,) int64
+    stands : (n,) int64
+        Which of the chosen stands for each point; for a chosen one, itself.
+    """
+    n = len(grid.points)
+    chosen, stands, found = np.empty(n, np.int64), np.full(n, -1), np.empty(n, np.int64)
+    count = 0
+    for i in range(n):
+        if stands[i] >= 0:
+            continue
+        for k in found[: within(grid, grid.points[i], reach[i], found)]:
+            if stands[k] < 0:
+                stands[k] = count
+        stands[i] = count
+        chosen[count] = i
+        count += 1
+    return chosen[:count].copy(), stands
+
+
+def scattered(grid: Grid, values: NDArray[T]) -> NDArray[T]:
     """Return values in the grid's order in the cloud's."""
     result = np.empty_like(values)
     result[grid.order] = values
