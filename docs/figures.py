@@ -75,7 +75,7 @@ def draw_steps(points: Points, path: Path) -> None:
 def draw_epsilon(points: Points, path: Path) -> None:
     """Draw the skeletons of three values of epsilon."""
     figure = Figure(figsize=(12, 2.8), layout="constrained")
-    for panel, epsilon in zip(figure.subplots(1, 3), (0.6, 2.1, 6.0), strict=True):
+    for panel, epsilon in zip(figure.subplots(1, 3), (0.5, 1.5, 6.0), strict=True):
         skeleton = mdcs.skeletonize(points, transport={"epsilon": epsilon})
         counts = skeleton.summary()
         _cloud(

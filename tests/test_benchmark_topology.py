@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial import cKDTree
 from scipy.stats import chisquare
 
-from benchmarks.topology import audit, methods, models, paper, pool, run, table
+from benchmarks.topology import ablation, audit, methods, models, paper, pool, run, table
 from benchmarks.topology.cases import Case, all_cases, select
 from benchmarks.topology.damage import DAMAGES, LEAST_LEFT, least_left
 from benchmarks.topology.peers import Result, prune_spurs
@@ -25,6 +25,7 @@ from benchmarks.topology.solid import (
     signed_distance,
 )
 from benchmarks.topology.views import seen_by
+from mdcs_pipeline.config import load_spec
 
 EVERY = [*SHAPES, *HELD_OUT]
 
@@ -374,3 +375,15 @@ class TestTable4:
         assert np.median(away) < 0.06
         inside = (truth.nodes > clean.min(0)) & (truth.nodes < clean.max(0))
         assert inside.all()
+
+
+@pytest.mark.parametrize("stage", sorted(ablation.PASSED))
+def test_a_stage_is_left_out_and_the_rest_still_fits(stage):
+    spec = load_spec(ablation.without(stage))
+    assert stage not in spec.stages
+    assert set(load_spec("default").stages) - set(spec.stages) == {stage}
+
+
+def test_what_cannot_be_left_out_is_named():
+    with pytest.raises(ValueError, match="transport"):
+        methods.method("mdcs:without-transport")

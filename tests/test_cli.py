@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import pty
+import re
 import signal
 import subprocess
 import sys
@@ -339,7 +340,8 @@ def test_a_full_disk_behind_standard_output_is_one_line(words: list[str]) -> Non
 def test_an_ascii_terminal_gets_letters_spelt_out(cloud: Path) -> None:
     done = mdcs("run", "default", "-i", cloud, env=ASCII)
     assert done.returncode == 0
-    assert "eps 2.1" in done.stderr
+    assert re.search(r"eps \d", done.stderr)
+    assert "ε" not in done.stderr
     done = mdcs("options", "transport", env=ASCII)
     assert "eps of Eq. 4" in done.stdout
     assert "> 0, <= 1" in done.stdout

@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mdcs_pipeline import wire
+from mdcs_pipeline.config import load_spec
 from mdcs_pipeline.errors import ConfigError, InputError, MissingExtraError
 from mdcs_pipeline.nodes import dora, ros2
 from mdcs_pipeline.nodes.host import Host, settings_of
@@ -88,7 +89,7 @@ def test_counts_always_add_up(actions: list[str]) -> None:
 
 def test_settings_have_full_names() -> None:
     held = Host("default").settings()
-    assert held["transport.epsilon"] == 2.1
+    assert held["transport.epsilon"] == load_spec("default").stages["transport"].settings["epsilon"]
     assert held["sources.cloud.nonfinite"] == "drop"
     assert held["downsample.voxel_size"] is None
 

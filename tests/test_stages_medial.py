@@ -171,3 +171,8 @@ def test_the_default_pipeline_carries_from_the_stage_that_finds_centres() -> Non
     for name in ("transport", "smooth"):
         assert stages[name].settings["carried"] == "centre"
     assert [ref.stage for ref in stages["transport"].inputs["thickness"]] == ["medial"]
+
+
+def test_belief_that_does_not_fade_is_refused():
+    with pytest.raises(ValueError, match="rough must be larger than smooth"):
+        Medial(smooth=0.2, rough=0.1)

@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from benchmarks.topology import peers
+from benchmarks.topology import ablation, peers
 from benchmarks.topology.peers import Result
 from benchmarks.topology.solid import Floats
 
@@ -32,15 +32,19 @@ def mdcs(points: Floats, config: str) -> Result:
 
 
 def method(name: str) -> Method:
-    """Return the method called `name`: ``mdcs:CONFIG`` or a peer.
+    """Return the method called `name`: ``mdcs:CONFIG``, ``mdcs:without-STAGE`` or a peer.
 
     Raises
     ------
     ValueError
         If there is no such method.
     """
+    if name.startswith("mdcs:without-"):
+        return partial(mdcs, config=ablation.without(name.removeprefix("mdcs:without-")))
     if name.startswith("mdcs:"):
         return partial(mdcs, config=name.removeprefix("mdcs:"))
     if name in PEERS:
         return PEERS[name]
-    raise ValueError(f"method must be mdcs:CONFIG or one of {sorted(PEERS)}, got {name!r}")
+    raise ValueError(
+        f"method must be mdcs:CONFIG, mdcs:without-STAGE or one of {sorted(PEERS)}, got {name!r}"
+    )

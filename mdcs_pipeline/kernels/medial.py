@@ -31,6 +31,10 @@ FloatArray = NDArray[np.float64]
 _LEAST = 12
 # A patch that is thicker than this against its width is none: it reaches around its limb.
 _FLAT = 0.2
+# A patch narrower than this against its length is a line.
+_LINE = 0.1
+# Less evidence than this of what is outside is none.
+_TOLD = 0.01
 # Rounds in which neighbours agree on what is outside; each reaches one link farther.
 _ROUNDS = 60
 # Weight of a point's own evidence beside its neighbours'.
@@ -65,7 +69,7 @@ class MedialRule(NamedTuple):
     patch: float = 0.7
     apart: float = 1.4
     pierced: int = 3
-    widest: float = 4.0
+    widest: float = 8.0
     smooth: float = 0.08
     rough: float = 0.13
     passes: int = 3
@@ -149,8 +153,11 @@ def _balls(
     fitted = level = grid
     for _ in range(rule.passes):
         normals, heights, spreads, widths = patch_planes(fitted, mass[order], reach, _LEAST)
-        side = _outwards(normals, bends(fitted, normals, first), links)
+        said = _outwards(normals, bends(fitted, normals, first), links)
+        side = np.where(said < 0.0, -1.0, 1.0)
         normals *= side[:, None]
+        if fitted is grid:
+            lines = spreads[:, 1] < _LINE * widths
         # A disc of radius ρ on a tube has its mean ρ²/8r under its top, and spreads as much.
         sagging = widths**2 / (8.0 * first)
         moved = sagging - heights * side
@@ -165,16 +172,21 @@ def _balls(
         fitted = grid._replace(points=np.where(again[:, None], level.points, fitted.points))
     ball = tangent_radii(level, normals, rule.widest * first, rule.apart, rule.pierced)
     ball = medians_alike(grid, normals, reach, ball, _ALIKE)
+    trust = np.clip((rule.rough - rough) / (rule.rough - rule.smooth), 0.0, 1.0)
+    # A ball that nothing stops says nothing of a middle.
+    trust[ball >= rule.widest * first * (1.0 - 1e-9)] = 0.0
+    # Nor has a line a normal, and what does not bend has no inside.
+    trust[lines | (np.abs(said) < _TOLD)] = 0.0
     return Medial(
         scattered(grid, level.points - ball[:, None] * normals),
         scattered(grid, ball),
-        scattered(grid, np.clip((rule.rough - rough) / (rule.rough - rule.smooth), 0.0, 1.0)),
+        scattered(grid, trust),
         scattered(grid, normals),
     )
 
 
 def _outwards(normals: FloatArray, bend: FloatArray, graph: sparse.csr_array) -> FloatArray:
-    """Return 1 for normals that point outwards and −1 for the others.
+    """Return the evidence, in [−1, 1], that normals point outwards: negative where inwards.
 
     Each point's own evidence is the bend of the surface; neighbours whose normals are parallel
     lend each other theirs.
@@ -187,7 +199,7 @@ def _outwards(normals: FloatArray, bend: FloatArray, graph: sparse.csr_array) ->
     said = own
     for _ in range(_ROUNDS):
         said = _OWN * own + (1.0 - _OWN) * (weights @ np.clip(said, -1.0, 1.0)) / total
-    return np.where(said < 0.0, -1.0, 1.0)
+    return said
 
 
 def without_gaps(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from mdcs_pipeline.kernels.medial import MedialRule, medial_places, without_gaps
 from mdcs_pipeline.messages import MassCloud, Surface, Thickness
@@ -65,6 +65,12 @@ class MedialSettings(Settings):
         description="How much farther apart than two neighbours their medial places may be, in "
         "the smaller radius, before the link between them leads through the air.",
     )
+
+    @model_validator(mode="after")
+    def _belief_fades(self) -> MedialSettings:
+        if self.rough <= self.smooth:
+            raise ValueError("rough must be larger than smooth")
+        return self
 
 
 class MedialOutput(NamedTuple):

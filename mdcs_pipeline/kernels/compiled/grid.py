@@ -100,6 +100,16 @@ def within(grid: Grid, place: FloatArray, reach: float, found: IntArray) -> int:
         low[a] = max(0, int(np.floor((place[a] - reach - grid.low[a]) / size)))
         high[a] = min(_MOST - 1, int(np.floor((place[a] + reach - grid.low[a]) / size)))
     count, squared = 0, reach * reach
+    if (high[0] - low[0] + 1) * (high[1] - low[1] + 1) > len(points):
+        # More rows than points: most are empty.
+        for at in range(len(points)):
+            x = points[at, 0] - place[0]
+            y = points[at, 1] - place[1]
+            z = points[at, 2] - place[2]
+            if x * x + y * y + z * z <= squared:
+                found[count] = at
+                count += 1
+        return count
     for i in range(low[0], high[0] + 1):
         for j in range(low[1], high[1] + 1):
             row = (i * _MOST + j) * _MOST

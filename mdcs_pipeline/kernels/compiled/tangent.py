@@ -13,6 +13,8 @@ from mdcs_pipeline.kernels.compiled.types import FloatArray
 
 # The ring in which the surface's bend shows, in local radii.
 _INNER, _OUTER = 0.4, 1.2
+# A point at distance l stands l²/2r above or below a limb's surface; much more is another limb.
+_STEEPEST = 0.7
 # A patch of too few points grows by quarters, this often at most.
 _GROWTHS = 8
 
@@ -100,7 +102,7 @@ def bends(grid: Grid, normals: FloatArray, radius: FloatArray) -> FloatArray:
                 step = grid.points[k, a] - here[a]
                 away += step * step
                 height += step * normals[i, a]
-            if away > inner:
+            if away > inner and abs(height) <= _STEEPEST * away / radius[i]:
                 total -= height
                 count += 1
         result[i] = total / (radius[i] * max(count, 1))
