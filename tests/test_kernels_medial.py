@@ -10,7 +10,7 @@ from problems import random_mass, rotation
 from scipy import sparse
 from scipy.spatial import cKDTree
 
-from mdcs_pipeline.kernels.compiled.grid import first_at_least, grid_of, scattered, within
+from mdcs_pipeline.kernels.compiled.grid import grid_of, scattered, within
 from mdcs_pipeline.kernels.compiled.tangent import (
     bends,
     medians_alike,
@@ -125,16 +125,6 @@ def test_a_far_point_widens_the_cells_but_not_beyond_counting():
     assert (grid.keys >= 0).all()
     assert sorted(grid.order[room[: within(grid, points[0], 0.1, room)]]) == [0, 1]
     assert list(grid.order[room[: within(grid, points[2], 1.0, room)]]) == [2]
-
-
-@BOTH
-@given(seed=SEEDS, count=st.integers(0, 40))
-@settings(max_examples=30, deadline=None)
-def test_halving_finds_the_first_key(plain, seed, count):
-    keys = np.sort(np.random.default_rng(seed).integers(0, 12, count))
-    find = first_at_least.py_func if plain else first_at_least
-    for key in range(-1, 14):
-        assert find(keys, key) == np.searchsorted(keys, key)
 
 
 # ----------------------------------------------------------------------------------- patches

@@ -6,13 +6,12 @@ A stage that is left out hands on what it got: whoever read its result reads wha
 from __future__ import annotations
 
 from functools import cache
+from importlib.resources import files
 from pathlib import Path
 from tempfile import mkdtemp
 from typing import Any
 
 import yaml
-
-import mdcs_pipeline
 
 # What stands for each result of a stage that is left out.
 PASSED: dict[str, dict[str, str]] = {
@@ -42,7 +41,7 @@ def without(stage: str) -> str:
 
 @cache
 def _written(stage: str) -> str:
-    shipped = Path(mdcs_pipeline.__file__).parent.parent / "configs" / "default.yaml"
+    shipped = files("mdcs_pipeline.configs") / "default.yaml"
     document = yaml.safe_load(shipped.read_text(encoding="utf-8"))
     del document["stages"][stage]
     for name, held in document["stages"].items():

@@ -65,16 +65,23 @@ def grid_of(points: FloatArray, size: float) -> Grid:
 
 
 @njit(cache=True, nogil=True)
-def first_at_least(keys: IntArray, key: int) -> int:
-    """Return how many of the rising `keys` are less than `key`."""
-    low, high = 0, len(keys)
-    while low < high:
-        middle = (low + high) // 2
-        if keys[middle] < key:
-            low = middle + 1
-        else:
-            high = middle
-    return low
+def _add_near(
+    points: FloatArray,
+    place: FloatArray,
+    squared: float,
+    rows: tuple[int, int],
+    found: IntArray,
+    count: int,
+) -> int:
+    """Add those of a slice of the points that are near a place to `count` found before."""
+    for at in range(rows[0], rows[1]):
+        x = points[at, 0] - place[0]
+        y = points[at, 1] - place[1]
+        z = points[at, 2] - place[2]
+        if x * x + y * y + z * z <= squared:
+            found[count] = at
+            count += 1
+    return count
 
 
 @njit(cache=True, nogil=True)
@@ -102,26 +109,13 @@ def within(grid: Grid, place: FloatArray, reach: float, found: IntArray) -> int:
     count, squared = 0, reach * reach
     if (high[0] - low[0] + 1) * (high[1] - low[1] + 1) > len(points):
         # More rows than points: most are empty.
-        for at in range(len(points)):
-            x = points[at, 0] - place[0]
-            y = points[at, 1] - place[1]
-            z = points[at, 2] - place[2]
-            if x * x + y * y + z * z <= squared:
-                found[count] = at
-                count += 1
-        return count
+        return _add_near(points, place, squared, (0, len(points)), found, 0)
     for i in range(low[0], high[0] + 1):
         for j in range(low[1], high[1] + 1):
             row = (i * _MOST + j) * _MOST
-            at, last = first_at_least(keys, row + low[2]), row + high[2]
-            while at < len(keys) and keys[at] <= last:
-                x = points[at, 0] - place[0]
-                y = points[at, 1] - place[1]
-                z = points[at, 2] - place[2]
-                if x * x + y * y + z * z <= squared:
-                    found[count] = at
-                    count += 1
-                at += 1
+            start = np.searchsorted(keys, row + low[2])
+            stop = np.searchsorted(keys, row + high[2], side="right")
+            count = _add_near(points, place, squared, (start, stop), found, count)
     return count
 
 
