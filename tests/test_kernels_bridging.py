@@ -116,15 +116,31 @@ def test_ends_are_stretched_to_one_radius_before_the_tip():
 def test_a_lone_node_of_a_capsule_is_its_medial_segment_and_that_of_a_ball_none():
     shape = line(4000)
     owner = np.zeros(len(shape.points), np.int64)
-    (found,) = lone_segments(np.array([[0.5, 0, 0]]), NONE, shape.points, owner)
+    (found,) = lone_segments(np.array([[0.5, 0, 0]]), NONE, shape.points, owner, shape.points)
     tips = found.tips[np.argsort(found.tips[:, 0])]
     np.testing.assert_allclose(tips, [[0, 0, 0], [1, 0, 0]], atol=0.06)
     ball = np.random.default_rng(0).normal(size=(500, 3))
     ball /= np.linalg.norm(ball, axis=1, keepdims=True)
-    assert lone_segments(np.zeros((1, 3)), NONE, ball, np.zeros(500, np.int64)) == []
+    assert lone_segments(np.zeros((1, 3)), NONE, ball, np.zeros(500, np.int64), ball) == []
     # Nodes with edges are left alone.
     two = np.array([[0.2, 0, 0], [0.8, 0, 0]])
-    assert lone_segments(two, np.array([[0, 1]]), shape.points, owner) == []
+    assert lone_segments(two, np.array([[0, 1]]), shape.points, owner, shape.points) == []
+
+
+def test_a_lone_node_whose_tips_are_gone_reaches_as_far_as_its_medial_places():
+    whole = line(4000)
+    along = whole.points[:, 0]
+    # The middle of the barrel alone is wider than it is long.
+    points = whole.points[(along > 0.42) & (along < 0.58)]
+    owner, middle = np.zeros(len(points), np.int64), np.array([[0.5, 0, 0]])
+    assert lone_segments(middle, NONE, points, owner, points) == []
+    places = points * [1, 0, 0]
+    (found,) = lone_segments(middle, NONE, points, owner, places)
+    tips = found.tips[np.argsort(found.tips[:, 0])]
+    np.testing.assert_allclose(tips, [[0.42, 0, 0], [0.58, 0, 0]], atol=0.01)
+    # A ball's lie in its centre.
+    at_centre = points * 0.0 + middle
+    assert lone_segments(middle, NONE, points, owner, at_centre) == []
 
 
 # ----------------------------------------------------------------------------------- bridges

@@ -174,5 +174,5 @@ def test_the_default_pipeline_carries_from_the_stage_that_finds_centres() -> Non
 
 
 def test_belief_that_does_not_fade_is_refused():
-    with pytest.raises(ValueError, match="rough must be larger than smooth"):
-        Medial(smooth=0.2, rough=0.1)
+    with pytest.raises(ValueError, match="unsure must be larger than sure"):
+        Medial(sure=0.2, unsure=0.1)

@@ -17,6 +17,11 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
+# Share of the points beyond each end of a stretch: they are noise.
+_TAIL = 0.03
+# Places that lie nearer than this to a line, in their radius, are its axis.
+_ON_LINE = 0.35
+
 
 class End(NamedTuple):
     """A leaf of a skeleton, or a node on its own.
@@ -170,12 +175,18 @@ class Segment(NamedTuple):
 
 
 def lone_segments(
-    nodes: FloatArray, pairs: IntArray, points: FloatArray, owner: IntArray, least: float = 0.5
+    nodes: FloatArray,
+    pairs: IntArray,
+    points: FloatArray,
+    owner: IntArray,
+    places: FloatArray,
+    least: float = 0.5,
 ) -> list[Segment]:
     """Return the nodes without edges whose points make more than a ball, as segments.
 
     The points of an egg reach farther along it than across. Its medial axis is the segment
-    between the centres of its tips, each one radius before the end of the points.
+    between the centres of its tips: as far as the points' medial places reach, where these lie
+    on a line; otherwise it ends one radius before the points do.
 
     Parameters
     ----------
@@ -183,6 +194,9 @@ def lone_segments(
     pairs : (E, 2) int64
     points : (n, 3) float64
     owner : (n,) int64
+        Node of each point.
+    places : (n, 3) float64
+        Medial places of the points; the points themselves where none are known.
     least : float
         Shortest segment, in radii: below that the points make a ball.
 
@@ -193,16 +207,38 @@ def lone_segments(
     linked = np.isin(np.arange(len(nodes)), pairs)
     segments = []
     for node in np.flatnonzero(~linked).tolist():
-        offset = points[owner == node] - nodes[node]
-        if len(offset) < 4:
+        mine = owner == node
+        if np.count_nonzero(mine) < 4:
             continue
-        _, axes = np.linalg.eigh(offset.T @ offset)
-        along = offset @ axes[:, 2]
-        across = np.linalg.norm(offset - np.outer(along, axes[:, 2]), axis=1)
-        # Across the middle half: the tips are round.
-        middle = np.abs(along - np.median(along)) <= np.median(np.abs(along - np.median(along)))
-        radius = float(np.median(across[middle]))
-        low, high = np.quantile(along, [0.03, 0.97]) + np.array([radius, -radius])
-        if high - low > least * radius:
-            segments.append(Segment(node, nodes[node] + np.outer([low, high], axes[:, 2])))
+        stretch = _seen_from_inside(points[mine], places[mine])
+        if stretch is None:
+            stretch = _seen_from_outside(points[mine] - nodes[node], nodes[node])
+        tips, radius = stretch
+        if np.linalg.norm(tips[1] - tips[0]) > least * radius:
+            segments.append(Segment(node, tips))
     return segments
+
+
+def _seen_from_inside(
+    points: FloatArray, places: FloatArray
+) -> tuple[FloatArray, float] | None:
+    """Return the stretch that medial places lie on, and its radius; None where they do not."""
+    middle = np.median(places, axis=0)
+    values, axes = np.linalg.eigh((places - middle).T @ (places - middle) / len(places))
+    radius = float(np.median(np.linalg.norm(points - places, axis=1)))
+    if np.sqrt(max(values[0] + values[1], 0.0)) >= _ON_LINE * radius:
+        return None
+    along = np.quantile((places - middle) @ axes[:, 2], [_TAIL, 1.0 - _TAIL])
+    return middle + np.outer(along, axes[:, 2]), radius
+
+
+def _seen_from_outside(offset: FloatArray, node: FloatArray) -> tuple[FloatArray, float]:
+    """Return the stretch from one radius after the points' begin to one before their end."""
+    _, axes = np.linalg.eigh(offset.T @ offset)
+    along = offset @ axes[:, 2]
+    across = np.linalg.norm(offset - np.outer(along, axes[:, 2]), axis=1)
+    # Across the middle half: the tips are round.
+    middle = np.abs(along - np.median(along)) <= np.median(np.abs(along - np.median(along)))
+    radius = float(np.median(across[middle]))
+    low, high = np.quantile(along, [_TAIL, 1.0 - _TAIL]) + np.array([radius, -radius])
+    return node + np.outer([low, max(low, high)], axes[:, 2]), radius

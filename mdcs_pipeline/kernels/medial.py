@@ -6,7 +6,9 @@ as well as a whole one, and two shells that no surface joins show the same one. 
 carried from the balls' centres, y − r n, instead of from the points y themselves, meets on the
 axis: E‖x − y‖² over a ring is ‖x − c‖² + r², and c is all of it that depends on x.
 
-Where noise is not small against r the surface has no normal, and points stay where they are.
+Neighbours on one limb have their places on one line, its axis: where the places scatter about
+their line they say nothing, whatever the reason (noise, a patch that reaches around its limb or
+across a gap), and points stay where they are.
 """
 
 from __future__ import annotations
@@ -22,15 +24,14 @@ from mdcs_pipeline.kernels.compiled.tangent import (
     bends,
     medians_alike,
     patch_planes,
+    scatters,
     tangent_radii,
 )
 
 FloatArray = NDArray[np.float64]
 
 # A patch with fewer points has no normal to speak of.
-_LEAST = 12
-# A patch that is thicker than this against its width is none: it reaches around its limb.
-_FLAT = 0.2
+_LEAST = 8
 # A patch narrower than this against its length is a line.
 _LINE = 0.1
 # Less evidence than this of what is outside is none.
@@ -39,6 +40,8 @@ _TOLD = 0.01
 _ROUNDS = 60
 # Weight of a point's own evidence beside its neighbours'.
 _OWN = 0.03
+# Scatter is measured in the ball's radius, but in no more than so many first ones.
+_WIDE = 3.0
 # Neighbours whose normals are farther apart than this cosine are on another side of the limb.
 _ALIKE = 0.2
 
@@ -58,11 +61,14 @@ class MedialRule(NamedTuple):
         Points that may lie inside a ball.
     widest : float
         Largest ball, in local radii.
-    smooth, rough : float
-        Spread of a patch along its normal beyond that of a tube, in local radii, up to which
-        the ball counts fully, and from which it does not count.
+    rough : float
+        Spread of a patch along its normal beyond that of a tube, in local radii, from which it
+        is fitted again.
     passes : int
         How often patches are fitted, each time to the points as the last fit smoothed them.
+    sure, unsure : float
+        Scatter of neighbours' places about a line, in their radius, up to which they count
+        fully, and from which they do not count.
     """
 
     coarse: float = 0.15
@@ -70,9 +76,10 @@ class MedialRule(NamedTuple):
     apart: float = 1.4
     pierced: int = 3
     widest: float = 8.0
-    smooth: float = 0.08
-    rough: float = 0.13
+    rough: float = 0.08
     passes: int = 3
+    sure: float = 0.15
+    unsure: float = 0.35
 
 
 class Medial(NamedTuple):
@@ -83,7 +90,7 @@ class Medial(NamedTuple):
     places : (n, 3) float64
     radius : (n,) float64
     trust : (n,) float64
-        1 where the surface is smooth against its radius, 0 where it is rough.
+        1 where neighbours agree on their limb's axis, 0 where their places scatter.
     normals : (n, 3) float64
         Unit, outwards.
     """
@@ -163,22 +170,24 @@ def _balls(
         moved = sagging - heights * side
         level = fitted._replace(points=fitted.points + moved[:, None] * normals)
         rough = np.sqrt(np.maximum(spreads[:, 0] ** 2 - sagging**2, 0.0)) / first
-        rough[spreads[:, 0] > _FLAT * spreads[:, 1]] = np.inf
         rough = medians_alike(grid, normals, reach, rough, -1.0)
-        again = rough > rule.smooth
+        again = rough > rule.rough
         if not again.any():
             break
         # What is smooth would only lose its shape.
         fitted = grid._replace(points=np.where(again[:, None], level.points, fitted.points))
     ball = tangent_radii(level, normals, rule.widest * first, rule.apart, rule.pierced)
     ball = medians_alike(grid, normals, reach, ball, _ALIKE)
-    trust = np.clip((rule.rough - rough) / (rule.rough - rule.smooth), 0.0, 1.0)
+    places = level.points - ball[:, None] * normals
+    # A ball far larger than its limb would make any scatter small.
+    scatter = scatters(grid, widths, places) / np.minimum(ball, _WIDE * first)
+    trust = np.clip((rule.unsure - scatter) / (rule.unsure - rule.sure), 0.0, 1.0)
     # A ball that nothing stops says nothing of a middle.
     trust[ball >= rule.widest * first * (1.0 - 1e-9)] = 0.0
     # Nor has a line a normal, and what does not bend has no inside.
     trust[lines | (np.abs(said) < _TOLD)] = 0.0
     return Medial(
-        scattered(grid, level.points - ball[:, None] * normals),
+        scattered(grid, places),
         scattered(grid, ball),
         scattered(grid, trust),
         scattered(grid, normals),

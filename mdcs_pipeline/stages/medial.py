@@ -42,22 +42,28 @@ class MedialSettings(Settings):
     widest: float = Field(
         _RULE.widest, gt=1, description="Largest ball, in the radius of the patch that closed."
     )
-    smooth: float = Field(
-        _RULE.smooth,
-        ge=0,
-        description="Roughness, spread of a patch along its normal in local radii, up to which "
-        "the ball is believed.",
-    )
     rough: float = Field(
         _RULE.rough,
-        gt=0,
-        description="Roughness from which it is not: there points stay where they are.",
+        ge=0,
+        description="Roughness, spread of a patch along its normal in local radii, from which "
+        "the patch is fitted again.",
     )
     passes: int = Field(
         _RULE.passes,
         ge=1,
         le=10,
         description="How often patches are fitted, each time to the points as smoothed before.",
+    )
+    sure: float = Field(
+        _RULE.sure,
+        ge=0,
+        description="How far neighbours' medial places lie from a line, in their radius, up to "
+        "which they are believed.",
+    )
+    unsure: float = Field(
+        _RULE.unsure,
+        gt=0,
+        description="The same, from which they are not: there points stay where they are.",
     )
     gap: float = Field(
         0.5,
@@ -68,8 +74,8 @@ class MedialSettings(Settings):
 
     @model_validator(mode="after")
     def _belief_fades(self) -> MedialSettings:
-        if self.rough <= self.smooth:
-            raise ValueError("rough must be larger than smooth")
+        if self.unsure <= self.sure:
+            raise ValueError("unsure must be larger than sure")
         return self
 
 

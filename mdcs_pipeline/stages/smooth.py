@@ -104,7 +104,7 @@ class Smooth(Stage[SmoothSettings]):
 
         `points` are those that `assign` names nodes for; without them, those of the cloud.
         """
-        refined = self._refine(cloud, rough)
+        refined = self._refine(cloud, rough, thickness)
         found = self._optimise(cloud, rough, thickness, refined)
         solution, nodes = found.written(), found.problem.nodes
         received = np.bincount(solution.plan.indices, solution.plan.data, minlength=len(nodes))
@@ -129,7 +129,9 @@ class Smooth(Stage[SmoothSettings]):
         )
         return Smoothed(skeleton)
 
-    def _refine(self, cloud: MassCloud, rough: RoughSkeleton) -> Refined:
+    def _refine(
+        self, cloud: MassCloud, rough: RoughSkeleton, thickness: Thickness | None
+    ) -> Refined:
         nodes, edges = rough.nodes, rough.edges
         positions = nodes.positions
         values = np.stack([nodes.mass, nodes.scale, nodes.potentials], axis=1)
@@ -137,7 +139,10 @@ class Smooth(Stage[SmoothSettings]):
             owner = plan_owners(rough.plan.plan)
             ends = limb_ends(positions, nodes.scale, edges, cloud.positions, owner)
             positions = stretched(positions, [end for end in ends if not nodes.fixed[end.node]])
-            for node, tips in lone_segments(nodes.positions, edges, cloud.positions, owner):
+            places = carried_from(cloud, thickness, self.settings.carried)
+            for node, tips in lone_segments(
+                nodes.positions, edges, cloud.positions, owner, places
+            ):
                 if node < len(nodes) and nodes.fixed[node]:
                     continue
                 edges = np.concatenate([edges, [[node, len(positions)]]])

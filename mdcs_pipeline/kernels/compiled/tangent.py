@@ -17,6 +17,8 @@ _INNER, _OUTER = 0.4, 1.2
 _STEEPEST = 0.7
 # A patch of too few points grows by quarters, this often at most.
 _GROWTHS = 8
+# Fewer places than this lie on a line by chance.
+_TELLING = 4
 
 
 @njit(cache=True, nogil=True)
@@ -178,4 +180,40 @@ def medians_alike(
                 held[count] = values[k]
                 count += 1
         result[i] = np.median(held[:count])
+    return result
+
+
+@njit(cache=True, nogil=True)
+def scatters(grid: Grid, reach: FloatArray, places: FloatArray) -> FloatArray:
+    """Return how far the places that belong to each point's patch lie from their common line.
+
+    Parameters
+    ----------
+    grid : Grid
+    reach : (n,) float64
+        Radius of each patch.
+    places : (n, 3) float64
+
+    Returns
+    -------
+    (n,) float64
+        Root mean square distance; infinite where a patch has too few points to tell.
+    """
+    n = len(places)
+    result, found, offset = np.empty(n), np.empty(n, np.int64), np.empty(3)
+    for i in range(n):
+        count = within(grid, grid.points[i], reach[i], found)
+        mean, moments = np.zeros(3), np.zeros((3, 3))
+        for k in found[:count]:
+            for a in range(3):
+                offset[a] = places[k, a] - places[i, a]
+                mean[a] += offset[a] / count
+            for a in range(3):
+                for b in range(3):
+                    moments[a, b] += offset[a] * offset[b] / count
+        for a in range(3):
+            for b in range(3):
+                moments[a, b] -= mean[a] * mean[b]
+        values = np.linalg.eigvalsh(moments)
+        result[i] = np.sqrt(max(values[0] + values[1], 0.0)) if count >= _TELLING else np.inf
     return result
