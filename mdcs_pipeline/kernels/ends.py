@@ -219,9 +219,7 @@ def lone_segments(
     return segments
 
 
-def _seen_from_inside(
-    points: FloatArray, places: FloatArray
-) -> tuple[FloatArray, float] | None:
+def _seen_from_inside(points: FloatArray, places: FloatArray) -> tuple[FloatArray, float] | None:
     """Return the stretch that medial places lie on, and its radius; None where they do not."""
     middle = np.median(places, axis=0)
     values, axes = np.linalg.eigh((places - middle).T @ (places - middle) / len(places))

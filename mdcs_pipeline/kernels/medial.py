@@ -40,6 +40,9 @@ _TOLD = 0.01
 _ROUNDS = 60
 # Weight of a point's own evidence beside its neighbours'.
 _OWN = 0.03
+# A patch that had to grow for its points is judged together with what is around it, this many
+# times as wide: where limbs are that sparse, the places of one patch agree by chance.
+_AROUND = 2.0
 # Scatter is measured in the ball's radius, but in no more than so many first ones.
 _WIDE = 3.0
 # Neighbours whose normals are farther apart than this cosine are on another side of the limb.
@@ -179,9 +182,13 @@ def _balls(
     ball = tangent_radii(level, normals, rule.widest * first, rule.apart, rule.pierced)
     ball = medians_alike(grid, normals, reach, ball, _ALIKE)
     places = level.points - ball[:, None] * normals
+    grown = widths > reach
+    around = np.where(grown, _AROUND, 1.0) * widths
     # A ball far larger than its limb would make any scatter small.
-    scatter = scatters(grid, widths, places) / np.minimum(ball, _WIDE * first)
+    scatter = scatters(grid, around, places) / np.minimum(ball, _WIDE * first)
     trust = np.clip((rule.unsure - scatter) / (rule.unsure - rule.sure), 0.0, 1.0)
+    alike = medians_alike(grid, normals, _AROUND * np.maximum(first, widths), trust, -1.0)
+    trust = np.where(grown, alike, trust)
     # A ball that nothing stops says nothing of a middle.
     trust[ball >= rule.widest * first * (1.0 - 1e-9)] = 0.0
     # Nor has a line a normal, and what does not bend has no inside.

@@ -140,9 +140,7 @@ class Smooth(Stage[SmoothSettings]):
             ends = limb_ends(positions, nodes.scale, edges, cloud.positions, owner)
             positions = stretched(positions, [end for end in ends if not nodes.fixed[end.node]])
             places = carried_from(cloud, thickness, self.settings.carried)
-            for node, tips in lone_segments(
-                nodes.positions, edges, cloud.positions, owner, places
-            ):
+            for node, tips in lone_segments(nodes.positions, edges, cloud.positions, owner, places):
                 if node < len(nodes) and nodes.fixed[node]:
                     continue
                 edges = np.concatenate([edges, [[node, len(positions)]]])
