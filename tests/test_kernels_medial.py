@@ -349,6 +349,14 @@ def test_a_patch_around_a_thin_limb_is_believed_if_its_places_agree():
     assert np.quantile(far[sure], 0.95) < 0.4
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_hardly_a_place_off_a_sparse_limb_is_believed(seed):
+    """A patch of too large a radius grows around the limb, and its few places agree by chance."""
+    points = shell(100, seed)
+    found = found_on(points, 1.6 * R)
+    assert np.mean((off_axis(found) > 0.5) & (found.trust > 0.5)) < 0.08
+
+
 def test_a_little_noise_leaves_the_middle_where_it_is():
     points = shell(4000, 0)
     noisy = points + 0.1 * R * np.random.default_rng(1).standard_normal(points.shape)
