@@ -187,8 +187,8 @@ def _balls(
     # A ball far larger than its limb would make any scatter small.
     scatter = scatters(grid, around, places) / np.minimum(ball, _WIDE * first)
     trust = np.clip((rule.unsure - scatter) / (rule.unsure - rule.sure), 0.0, 1.0)
-    alike = medians_alike(grid, normals, _AROUND * np.maximum(first, widths), trust, -1.0)
-    trust = np.where(grown, alike, trust)
+    beyond = np.where(grown, _AROUND * np.maximum(first, widths), 0.0)
+    trust = medians_alike(grid, normals, beyond, trust, -1.0)
     # A ball that nothing stops says nothing of a middle.
     trust[ball >= rule.widest * first * (1.0 - 1e-9)] = 0.0
     # Nor has a line a normal, and what does not bend has no inside.
