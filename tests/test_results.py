@@ -249,3 +249,20 @@ def test_the_run_is_described(ring: Skeleton) -> None:
     assert 0 < held["rough_nodes"] <= len(ring)
     assert held["marginal_error"] <= 1e-3
     assert held["seconds"].keys() >= {"downsample", "transport", "smooth"}
+
+
+def test_the_last_digit_of_a_coordinate_moves_nothing():
+    """Two thin tubes that cross, 400 points: near points must not change sides on a rounding."""
+    tubes = []
+    for seed in range(2):
+        rng = np.random.default_rng(seed)
+        along, around = rng.uniform(0, 2, 200), rng.uniform(0, 2 * np.pi, 200)
+        tube = np.c_[along, 0.1 * np.cos(around), 0.1 * np.sin(around)].astype(np.float32)
+        tubes.append(tube[:, [seed, 1 - seed, 2]] - np.eye(3)[seed])
+    cross = np.concatenate(tubes).astype(np.float32)
+    points = np.c_[-cross[:, 1], cross[:, 0], cross[:, 2]] + np.array([1.5, 2, 3])
+    known = mdcs.skeletonize(points)
+    for seed in range(3):
+        rounding = 1e-15 * np.random.default_rng(seed).standard_normal(points.shape)
+        found = mdcs.skeletonize(points + rounding)
+        np.testing.assert_allclose(found.nodes, known.nodes, atol=1e-9)
