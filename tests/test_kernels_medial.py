@@ -27,7 +27,7 @@ BOTH = pytest.mark.parametrize("plain", [True, False], ids=["python", "compiled"
 R = 0.1
 GUESS = 0.8 * R
 #: Each point has its own ball; where near ones share theirs, whose it is depends on the order.
-FINE = MedialRule(**({"coarse": 0.0} if "coarse" in MedialRule._fields else {}))
+FINE = MedialRule(coarse=0.0)
 
 
 # ------------------------------------------------------------------------------------ shapes

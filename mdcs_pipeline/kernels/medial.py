@@ -47,6 +47,8 @@ _AROUND = 2.0
 _WIDE = 3.0
 # Neighbours whose normals are farther apart than this cosine are on another side of the limb.
 _ALIKE = 0.2
+# Under every cosine: those of opposite normals are rounded to either side of −1.
+_ANY = -2.0
 
 
 class MedialRule(NamedTuple):
@@ -173,7 +175,7 @@ def _balls(
         moved = sagging - heights * side
         level = fitted._replace(points=fitted.points + moved[:, None] * normals)
         rough = np.sqrt(np.maximum(spreads[:, 0] ** 2 - sagging**2, 0.0)) / first
-        rough = medians_alike(grid, normals, reach, rough, -1.0)
+        rough = medians_alike(grid, normals, reach, rough, _ANY)
         again = rough > rule.rough
         if not again.any():
             break
@@ -188,7 +190,7 @@ def _balls(
     scatter = scatters(grid, around, places) / np.minimum(ball, _WIDE * first)
     trust = np.clip((rule.unsure - scatter) / (rule.unsure - rule.sure), 0.0, 1.0)
     beyond = np.where(grown, _AROUND * np.maximum(first, widths), 0.0)
-    trust = medians_alike(grid, normals, beyond, trust, -1.0)
+    trust = medians_alike(grid, normals, beyond, trust, _ANY)
     # A ball that nothing stops says nothing of a middle.
     trust[ball >= rule.widest * first * (1.0 - 1e-9)] = 0.0
     # Nor has a line a normal, and what does not bend has no inside.

@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 
 from mdcs_pipeline.kernels.compiled.grid import Grid, within
-from mdcs_pipeline.kernels.compiled.types import FloatArray
+from mdcs_pipeline.kernels.compiled.types import FloatArray, IntArray
 
 # The ring in which the surface's bend shows, in local radii.
 _INNER, _OUTER = 0.4, 1.2
@@ -19,6 +19,27 @@ _STEEPEST = 0.7
 _GROWTHS = 8
 # Fewer places than this lie on a line by chance.
 _TELLING = 4
+
+
+@njit(cache=True, nogil=True)
+def _moments(
+    points: FloatArray, mass: FloatArray, near: IntArray, origin: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the mean, from an origin, and the covariance of some of the points."""
+    total, mean = 0.0, np.zeros(3)
+    for k in near:
+        total += mass[k]
+        for a in range(3):
+            mean[a] += mass[k] * (points[k, a] - origin[a])
+    mean /= total
+    moments, offset = np.zeros((3, 3)), np.empty(3)
+    for k in near:
+        for a in range(3):
+            offset[a] = points[k, a] - origin[a] - mean[a]
+        for a in range(3):
+            for b in range(3):
+                moments[a, b] += mass[k] / total * offset[a] * offset[b]
+    return mean, moments
 
 
 @njit(cache=True, nogil=True)
@@ -63,20 +84,7 @@ def patch_planes(
                 break
             wide *= 1.25
             count = within(grid, here, wide, found)
-        total, mean = 0.0, np.zeros(3)
-        for k in found[:count]:
-            total += mass[k]
-            for a in range(3):
-                mean[a] += mass[k] * (grid.points[k, a] - here[a])
-        mean /= total
-        moments = np.zeros((3, 3))
-        offset = np.empty(3)
-        for k in found[:count]:
-            for a in range(3):
-                offset[a] = grid.points[k, a] - here[a] - mean[a]
-            for a in range(3):
-                for b in range(3):
-                    moments[a, b] += mass[k] / total * offset[a] * offset[b]
+        mean, moments = _moments(grid.points, mass, found[:count], here)
         values, vectors = np.linalg.eigh(moments)
         normals[i] = vectors[:, 0]
         heights[i] = -np.dot(mean, vectors[:, 0])
@@ -200,20 +208,10 @@ def scatters(grid: Grid, reach: FloatArray, places: FloatArray) -> FloatArray:
         Root mean square distance; infinite where a patch has too few points to tell.
     """
     n = len(places)
-    result, found, offset = np.empty(n), np.empty(n, np.int64), np.empty(3)
+    result, found, even = np.empty(n), np.empty(n, np.int64), np.ones(n)
     for i in range(n):
         count = within(grid, grid.points[i], reach[i], found)
-        mean, moments = np.zeros(3), np.zeros((3, 3))
-        for k in found[:count]:
-            for a in range(3):
-                offset[a] = places[k, a] - places[i, a]
-                mean[a] += offset[a] / count
-            for a in range(3):
-                for b in range(3):
-                    moments[a, b] += offset[a] * offset[b] / count
-        for a in range(3):
-            for b in range(3):
-                moments[a, b] -= mean[a] * mean[b]
+        _, moments = _moments(places, even, found[:count], places[i])
         values = np.linalg.eigvalsh(moments)
         result[i] = np.sqrt(max(values[0] + values[1], 0.0)) if count >= _TELLING else np.inf
     return result
