@@ -63,9 +63,10 @@ def _run(chosen: argparse.Namespace, ros: list[str]) -> int:
         os.environ[DISCOVERY] = "LOCALHOST"
     try:
         import rclpy
-        from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+        from rclpy.executors import SingleThreadedExecutor
 
         from .ros.node import SkeletonNode
+        from .ros.spinning import spin_until_shutdown
     except ImportError as error:
         raise MissingExtraError(
             "the ROS 2 node needs rclpy and its messages",
@@ -86,9 +87,7 @@ def _run(chosen: argparse.Namespace, ros: list[str]) -> int:
             node.trigger_configure()
             node.trigger_activate()
         try:
-            executor.spin()
-        except (KeyboardInterrupt, ExternalShutdownException):
-            pass
+            spin_until_shutdown(executor)
         finally:
             node.close()
             executor.shutdown()

@@ -11,7 +11,13 @@ import pytest
 HAVE_ROS = importlib.util.find_spec("rclpy") is not None
 if not HAVE_ROS:
     # Told as skipped by the tests themselves; what they import is not there.
-    collect_ignore = ["test_node.py", "test_parameters.py", "test_hosts.py", "test_streaming.py"]
+    collect_ignore = [
+        "test_node.py",
+        "test_parameters.py",
+        "test_hosts.py",
+        "test_spinning.py",
+        "test_streaming.py",
+    ]
 
 
 @pytest.fixture(autouse=True, scope="session")
