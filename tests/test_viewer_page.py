@@ -118,6 +118,68 @@ def test_a_paused_page_stands_still_and_holds_up_nobody(server: Server) -> None:
         assert tubes(server) == 6
 
 
+def test_who_waits_for_a_paused_page_goes_on_when_it_plays(server: Server) -> None:
+    page = LivePage()
+    page.show(Frame("0", skeleton=line(2)))
+    page.wait_to_play()
+    page.show(Frame("1", skeleton=line(3)))
+    # Looking back at an earlier frame stops it as the button does.
+    for stop in ("Pause", "frame"):
+        server.gui.by_label[stop].by_user(1 if stop == "frame" else None)
+        assert page.paused
+        thread = threading.Thread(target=page.wait_to_play)
+        thread.start()
+        before = page.clock()
+        thread.join(0.2)
+        assert thread.is_alive()
+        # A pause takes no time on the page's clock.
+        assert page.clock() == before
+        server.gui.by_label["Pause"].by_user()
+        thread.join(10)
+        assert not thread.is_alive()
+        assert before <= page.clock() < time.monotonic()
+
+
+@pytest.mark.parametrize("end", ["finish", "close"])
+def test_the_end_of_a_stream_or_a_page_lets_who_waits_go(server: Server, end: str) -> None:
+    page = LivePage()
+    for count in (2, 3):
+        page.show(Frame("", skeleton=line(count)))
+    server.gui.by_label["Pause"].by_user()
+    thread = threading.Thread(target=page.wait_to_play)
+    thread.start()
+    getattr(page, end)()
+    thread.join(10)
+    assert not thread.is_alive()
+
+
+def test_the_view_steps_back_from_a_scene_that_outgrows_it(server: Server) -> None:
+    page = LivePage()
+    camera = server.client.camera
+    page.show(Frame("0", POINTS), widen=True)
+    near = np.array(camera.position)
+    places = server.scene.things["/cloud"].points
+    page.show(Frame("1", POINTS * 1.1), widen=True)
+    np.testing.assert_array_equal(camera.position, near)
+    far = np.concatenate([POINTS, POINTS + (40.0, 0, 0)])
+    page.show(Frame("2", far))
+    np.testing.assert_array_equal(camera.position, near)
+    page.show(Frame("3", far), widen=True)
+    # As far from its middle as its size asks for, and the first points stand where they stood.
+    middle = (far.max(axis=0) + far.min(axis=0)) / 2
+    extent = np.linalg.norm(np.ptp(far, axis=0)) / np.linalg.norm(np.ptp(POINTS, axis=0))
+    reach = np.linalg.norm(np.subtract(camera.position, camera.look_at))
+    assert reach == pytest.approx(extent * np.linalg.norm(near))
+    scale = np.linalg.norm(np.ptp(places, axis=0)) / np.linalg.norm(np.ptp(POINTS, axis=0))
+    first = (POINTS.max(axis=0) + POINTS.min(axis=0)) / 2
+    np.testing.assert_allclose(camera.look_at, (middle - first) * scale, atol=1e-6)
+    np.testing.assert_allclose(server.scene.things["/cloud"].points[:200], places, atol=1e-5)
+    # Who has moved is left alone.
+    camera.position = stood = np.array([1.0, 2.0, 3.0])
+    page.show(Frame("4", far * 10), widen=True)
+    np.testing.assert_array_equal(camera.position, stood)
+
+
 def test_the_frame_slider_shows_that_frame(server: Server) -> None:
     with LivePage() as page:
         for count in (2, 3, 4):

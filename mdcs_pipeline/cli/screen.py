@@ -118,6 +118,13 @@ def stay(page: LivePage, quiet: bool) -> None:
             note("page closed")
 
 
+def page_wanted(view: bool, host: str | None, port: int | None) -> bool:
+    """Return whether a page was asked for; an address without one is an `InputError`."""
+    if not view and (host is not None or port is not None):
+        raise InputError("--host and --port are of the page", remedy="add --view")
+    return view
+
+
 @contextmanager
 def open_screen(
     graph: Graph, view: bool, host: str | None, port: int | None, quiet: bool
@@ -131,9 +138,7 @@ def open_screen(
     MissingExtraError
         If viser is not installed.
     """
-    if not view:
-        if host is not None or port is not None:
-            raise InputError("--host and --port are of the page", remedy="add --view")
+    if not page_wanted(view, host, port):
         yield Screen()
         return
     from mdcs_pipeline.viewer.remake import epsilon_dial

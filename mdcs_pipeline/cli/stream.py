@@ -9,6 +9,7 @@ import typer
 
 from mdcs_pipeline.cli.common import ConfigArgument, SetOption, load_graph
 from mdcs_pipeline.cli.run import announce
+from mdcs_pipeline.cli.screen import HostOption, PortOption
 
 if TYPE_CHECKING:
     from mdcs_pipeline.cli.streaming import Job
@@ -68,6 +69,15 @@ Every = Annotated[
     str, typer.Option(metavar="N|Ns", help="Save after N frames, or, with an s, N seconds.")
 ]
 
+View = Annotated[
+    bool,
+    typer.Option(
+        "--view",
+        help="Show map and skeleton on a page in the browser, until Ctrl-C. Pausing there stops "
+        "the reading of a folder or bag; a pipe goes on, and the picture alone stands still.",
+    ),
+]
+
 
 def stream(
     config: ConfigArgument,
@@ -87,9 +97,13 @@ def stream(
     json: Annotated[
         bool, typer.Option("--json", help="Summary as JSON on standard output.")
     ] = False,
+    view: View = False,
+    host: HostOption = None,
+    port: PortOption = None,
 ) -> None:
     """Keep the skeleton of a scene up with its frames."""
     from mdcs_pipeline.cli.stream_plan import Saving, open_source, plan_streamed
+    from mdcs_pipeline.cli.stream_screen import open_stream_screen
     from mdcs_pipeline.cli.streaming import Job
     from mdcs_pipeline.overload import parse_policy
     from mdcs_pipeline.stream import Stream
@@ -106,6 +120,10 @@ def stream(
         rate=rate,
         quiet=quiet or json,
     )
-    announce(quiet)
-    job.run()
-    job.tell(json, quiet)
+    waits = source != "-"
+    with open_stream_screen(graph, job.frames, waits, view, host, port, quiet) as screen:
+        job.screen = screen
+        announce(quiet)
+        job.run()
+        job.tell(json, quiet)
+        screen.stay()

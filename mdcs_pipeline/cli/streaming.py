@@ -11,12 +11,14 @@ from typing import Any
 
 from mdcs_pipeline.cli.console import note, say
 from mdcs_pipeline.cli.stream_plan import Outputs, Saving, Source
+from mdcs_pipeline.cli.stream_screen import StreamScreen
 from mdcs_pipeline.cli.ticker import Ticker
 from mdcs_pipeline.errors import InputError
 from mdcs_pipeline.frames import Frame
 from mdcs_pipeline.io.change_lines import ChangeLines
 from mdcs_pipeline.io.write import write_skeleton
 from mdcs_pipeline.overload import Gate, Policy
+from mdcs_pipeline.scene.change import SceneChange
 from mdcs_pipeline.stream import Stream
 
 
@@ -31,6 +33,7 @@ class Job:
     policy: Policy
     rate: float | None
     quiet: bool
+    screen: StreamScreen = field(default_factory=StreamScreen)
     seconds: list[float] = field(default_factory=list)
     lags: list[float] = field(default_factory=list)
     overload: int = 0
@@ -48,7 +51,9 @@ class Job:
         try:
             with Ticker(self.quiet) as ticker:
                 for came, number, frame in gate:
-                    self._one(frame, came, lines, ticker)
+                    self.screen.hold()
+                    change = self._one(frame, came, lines, ticker)
+                    self.screen.frame(number, change, self.stream, self.lags[-1])
                     if self.saving.due(number):
                         self._save(number, gate, lines)
             self.overload += gate.dropped
@@ -63,6 +68,7 @@ class Job:
         if path is None or not path.exists():
             return {}
         extra = self.stream.restore(path)
+        self.screen.goes_on()
         if not self.quiet:
             note(f"going on from {path}: {extra.get('read', 0)} frames were done")
         return extra
@@ -77,17 +83,20 @@ class Job:
 
     def _read(self, gate: Gate[tuple[float, int, Frame]], first: int) -> None:
         try:
-            began = time.monotonic()
+            began = self.screen.now()
             for number, frame in enumerate(self.frames.since(first)):
+                self.screen.hold()
                 if self.rate is not None:
-                    time.sleep(max(0.0, began + number / self.rate - time.monotonic()))
-                if not gate.put((time.monotonic(), first + number + 1, frame)):
+                    time.sleep(max(0.0, began + number / self.rate - self.screen.now()))
+                if not gate.put((self.screen.now(), first + number + 1, frame)):
                     return
             gate.close()
         except BaseException as error:  # raised again where the frames are taken
             gate.close(error)
 
-    def _one(self, frame: Frame, came: float, lines: list[ChangeLines], ticker: Ticker) -> None:
+    def _one(
+        self, frame: Frame, came: float, lines: list[ChangeLines], ticker: Ticker
+    ) -> SceneChange:
         if self.stream.scene.frame_id not in (None, frame.frame_id):
             self._end_scene(lines)
         began = time.monotonic()
@@ -96,10 +105,10 @@ class Job:
         )
         for held in lines:
             held.write(change)
-        now = time.monotonic()
-        self.seconds.append(now - began)
-        self.lags.append(now - came)
+        self.seconds.append(time.monotonic() - began)
+        self.lags.append(self.screen.now() - came)
         ticker.frame(change, self.stream.last, self.seconds[-1], self.lags[-1])
+        return change
 
     def _end_scene(self, lines: list[ChangeLines]) -> None:
         """Finish the scene that a change of frame ends, so that nothing of it is lost."""
@@ -111,9 +120,12 @@ class Job:
             self._write(path.with_name(f"{path.stem}.{number}{path.suffix}"))
 
     def _flush(self, lines: list[ChangeLines]) -> None:
-        for change in self.stream.flush():
+        changes = self.stream.flush()
+        for change in changes:
             for held in lines:
                 held.write(change)
+        if changes:
+            self.screen.ended(self.stream)
 
     def _finish(self, lines: list[ChangeLines]) -> None:
         self._flush(lines)

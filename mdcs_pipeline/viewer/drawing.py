@@ -24,6 +24,8 @@ COLOURINGS: tuple[Colouring, ...] = ("mass", "branch", "radius")
 SIZE = 10.0
 _FIELD = np.deg2rad(45.0)
 _DISTANCE = 1.25
+# By so much a scene may outgrow the page before the view steps back.
+_OUTGROWN = 1.3
 # Up to so many points are drawn in the size that was asked for.
 _FEW = 6000
 # Seen a little from the side and from above, as on the HTML page.
@@ -69,8 +71,7 @@ class Space:
 
 def space_of(frame: Frame) -> Space | None:
     """Return the space in which a frame fills the page; None if there is nothing in it."""
-    nodes = np.empty((0, 3)) if frame.skeleton is None else frame.skeleton.nodes
-    scene = make_scene(nodes, frame.points)
+    scene = make_scene(*_shape(frame))
     both = np.concatenate([scene.cloud, scene.nodes])
     if not len(both):
         return None
@@ -123,6 +124,7 @@ class Drawing:
         server.scene.add_light_ambient("/light", intensity=1.6)
         self._meshes = (unit_tube(), unit_ball())
         self._space: Space | None = None
+        self._view: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
 
     def draw(self, frame: Frame, look: Look) -> None:
         """Show `frame` instead of what was there."""
@@ -141,17 +143,39 @@ class Drawing:
         if space is None:
             return
         self._space = space
-        right, away, up = space.axes
+        self._server.scene.set_up_direction(tuple(space.axes[2]))
+        self._place(np.zeros(3), SIZE, list(self._server.get_clients().values()))
+
+    def widen(self, frame: Frame) -> None:
+        """Let those see all of `frame` who look from where they were put, if it is too large.
+
+        Who has turned or come nearer stays there, and the things stand where they stood.
+        """
+        if self._space is None or self._view is None:
+            return
+        scene = make_scene(*_shape(frame))
+        position, centre = self._view
+        size = scene.size * self._space.scale
+        if size * _DISTANCE <= _OUTGROWN * float(np.linalg.norm(position - centre)):
+            return
+        clients = self._server.get_clients().values()
+        still = [c for c in clients if np.allclose(c.camera.position, position, atol=1e-3 * SIZE)]
+        self._place(self._space.to_page(scene.centre[None])[0], size, still)
+
+    def _place(self, centre: NDArray[np.float64], size: float, clients: list[Any]) -> None:
+        """Look at `centre` from where `size` fills the page: `clients`, and who comes later."""
+        assert self._space is not None
+        right, away, up = self._space.axes
         way = _ASIDE * right + _ABOVE * up - away
-        position = way / np.linalg.norm(way) * SIZE * _DISTANCE
-        scene, first = self._server.scene, self._server.initial_camera
-        scene.set_up_direction(tuple(up))
-        first.fov, first.position, first.look_at = _FIELD, position, np.zeros(3)
-        for client in self._server.get_clients().values():
+        position = centre + way / np.linalg.norm(way) * size * _DISTANCE
+        self._view = position, centre
+        first = self._server.initial_camera
+        first.fov, first.position, first.look_at = _FIELD, position, centre
+        for client in clients:
             with client.atomic():
                 client.camera.up_direction = up
                 client.camera.position = position
-                client.camera.look_at = np.zeros(3)
+                client.camera.look_at = centre
 
     def _draw_cloud(self, points: FloatArray | None, space: Space, look: Look) -> None:
         held = np.empty((0, 3)) if points is None else space.to_page(points)
@@ -201,6 +225,11 @@ class Drawing:
         handle = self._server.scene.get_handle_by_name(name)
         if handle is not None:
             handle.remove()
+
+
+def _shape(frame: Frame) -> tuple[NDArray[np.float64], FloatArray | None]:
+    nodes = np.empty((0, 3)) if frame.skeleton is None else frame.skeleton.nodes
+    return nodes, frame.points
 
 
 def _rgb(colour: str) -> tuple[int, int, int]:

@@ -27,7 +27,8 @@ class LivePage:
 
     Whoever makes frames calls `show` for each, `finish` when there are no more, and then
     `serve`. None of these but `serve` ever waits for the user or a browser, so that a
-    page holds up no stream. Methods may be called from any thread.
+    page holds up no stream; one that is to stand still with the page calls `wait_to_play`
+    before each frame. Methods may be called from any thread.
 
     Parameters
     ----------
@@ -68,13 +69,16 @@ class LivePage:
         self._film = Film(dial, keep)
         self._lock = threading.RLock()
         self._wake = threading.Event()
+        self._going = threading.Event()
+        self._going.set()
+        self._stopped, self._lost = 0.0, 0.0
         self._closed = False
         self._spoken = 0.0
         self._server = open_server(host, port, title)
         self.url = page_url(host, self._server.get_port())
         self._drawing = Drawing(self._server)
         wishes = Wishes(
-            self._seek, self._turn, self._toggle, self._fit, self._redraw, self._download
+            self._seek, self._turn, self._toggle, self.fit, self._redraw, self._download
         )
         self._panel = Panel(self._server.gui, wishes, dial, SKELETON_SUFFIXES)
 
@@ -89,12 +93,33 @@ class LivePage:
     ) -> None:
         self.close()
 
-    def show(self, frame: Frame) -> None:
-        """Add a frame; it is seen at once unless the user has paused."""
+    @property
+    def paused(self) -> bool:
+        """Whether the user has stopped at a frame while more may come."""
+        return not self._going.is_set()
+
+    def wait_to_play(self) -> None:
+        """Return once the user lets frames go on, at once if they never stopped them."""
+        self._going.wait()
+
+    def clock(self) -> float:
+        """Return seconds that pass, by `time.monotonic`, unless frames are paused."""
+        with self._lock:
+            return (self._stopped if self.paused else time.monotonic()) - self._lost
+
+    def show(self, frame: Frame, widen: bool = False) -> None:
+        """Add a frame; it is seen at once unless the user has paused.
+
+        Parameters
+        ----------
+        frame : Frame
+        widen : bool
+            Let those step back who look from where they were put, if it outgrows the page.
+        """
         with self._lock:
             self._film.add(frame)
             if self._film.cursor == self._film.last:
-                self._draw()
+                self._draw(widen)
             else:
                 self._panel.refresh(self._film)
 
@@ -103,6 +128,14 @@ class LivePage:
         with self._lock:
             self._film.amend(frame)
             if self._film.cursor == self._film.last:
+                self._draw()
+
+    def fit(self) -> None:
+        """Let the frame that is seen fill the page, as another scene than before must."""
+        with self._lock:
+            frame = self._film.shown()
+            if frame is not None:
+                self._drawing.fit(frame)
                 self._draw()
 
     def say(self, text: str, hurry: bool = False) -> None:
@@ -116,6 +149,7 @@ class LivePage:
         """Hear that no more frames come: now they can be played, and made again."""
         with self._lock:
             self._film.finish()
+            self._pass()
             self._panel.say("")
             self._panel.refresh(self._film)
 
@@ -135,6 +169,7 @@ class LivePage:
         """Take the page down."""
         self._closed = True
         self._wake.set()
+        self._going.set()
         close_server(self._server)
 
     def _remake(self) -> bool:
@@ -159,10 +194,22 @@ class LivePage:
             self._draw()
         return True
 
-    def _draw(self) -> None:
+    def _pass(self) -> None:
+        """Let `wait_to_play` go by where the film now stands."""
+        stops = self._film.live and not self._film.playing and not self._closed
+        if stops and not self.paused:
+            self._stopped = time.monotonic()
+            self._going.clear()
+        elif self.paused and not stops:
+            self._lost += time.monotonic() - self._stopped
+            self._going.set()
+
+    def _draw(self, widen: bool = False) -> None:
         frame = self._film.shown()
         if frame is not None:
             self._drawing.draw(frame, self._panel.look)
+            if widen:
+                self._drawing.widen(frame)
             self._panel.refresh(self._film)
 
     def _redraw(self) -> None:
@@ -174,6 +221,7 @@ class LivePage:
             # Read only now: events of one drag come in several threads and any order, and
             # whichever is last must find the slider where the user left it.
             self._film.seek(self._panel.place)
+            self._pass()
             self._draw()
         self._wake.set()
 
@@ -186,15 +234,9 @@ class LivePage:
     def _toggle(self) -> None:
         with self._lock:
             self._film.toggle()
+            self._pass()
             self._draw()
         self._wake.set()
-
-    def _fit(self) -> None:
-        with self._lock:
-            frame = self._film.shown()
-            if frame is not None:
-                self._drawing.fit(frame)
-                self._draw()
 
     def _download(self, suffix: str, client: Any) -> None:
         with self._lock:

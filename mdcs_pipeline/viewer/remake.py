@@ -1,14 +1,17 @@
-"""A frame again, with another ε."""
+"""A frame again, with another ε: of one cloud, or of all that a stream had taken by then."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 
+from mdcs_pipeline import frames
 from mdcs_pipeline.graph import Graph, build_graph
 from mdcs_pipeline.messages import PointCloud
 from mdcs_pipeline.overrides import override_spec
 from mdcs_pipeline.pipeline import Pipeline
+from mdcs_pipeline.skeleton import Skeleton
+from mdcs_pipeline.stream import Stream
 from mdcs_pipeline.viewer.film import Dial, Frame
 
 SETTING = "epsilon"
@@ -78,3 +81,45 @@ def remaker(
         return replace(frame, skeleton=record.results[result], settings=turned.settings())
 
     return again
+
+
+def replayer(
+    graph: Graph,
+    frame: Frame,
+    taken: Callable[[], Iterable[frames.Frame]],
+    flushed: bool = False,
+) -> Callable[[float], Frame]:
+    """Return what makes a frame of a stream again from a value of the dial.
+
+    The stream runs anew, from its first frame to this one: what a node is depends on all
+    that came before.
+
+    Parameters
+    ----------
+    graph : Graph
+        Of a streaming pipeline.
+    frame : Frame
+        Whose label and cloud are kept: the map does not depend on the dial.
+    taken : callable
+        Brings the frames that the stream had taken by then; called anew each time.
+    flushed : bool
+        The frame shows what a flush left.
+    """
+
+    def again(value: float) -> Frame:
+        turned = with_epsilon(graph, value)
+        stream = Stream(turned, unusable="drop")
+        for held in taken():
+            stream.push(held.points, stamp_ns=held.stamp_ns, frame_id=held.frame_id, pose=held.pose)
+        if flushed:
+            stream.flush()
+        seconds = {} if stream.last is None else stream.last.seconds
+        skeleton = timed(stream.skeleton(), seconds)
+        return replace(frame, skeleton=skeleton, settings=turned.settings())
+
+    return again
+
+
+def timed(skeleton: Skeleton, seconds: Mapping[str, float]) -> Skeleton:
+    """Return a scene's skeleton with the time that each stage took for its latest frame."""
+    return replace(skeleton, diagnostics={**skeleton.diagnostics, "seconds": dict(seconds)})
