@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from frames import VOXEL, orbit
 
 from mdcs_pipeline.config import load_spec
 from mdcs_pipeline.demo import demo_cloud
@@ -36,9 +37,9 @@ WAIT = 60_000
 
 
 class Command:
-    """A running ``mdcs`` with a page."""
+    """A running ``mdcs`` with a page, done with its work unless it is only `begun`."""
 
-    def __init__(self, *args: object) -> None:
+    def __init__(self, *args: object, begun: bool = False) -> None:
         words = [*COMMAND, *map(str, args), "--port", "0"]
         self.process = subprocess.Popen(
             words,
@@ -50,6 +51,7 @@ class Command:
         )
         self.told: list[str] = []
         self._ready = threading.Event()
+        self._awaited = "page: " if begun else "the page stays at"
         self._reader = threading.Thread(target=self._read)
         self._reader.start()
         assert self._ready.wait(120), self.told
@@ -58,7 +60,7 @@ class Command:
         assert self.process.stderr is not None
         for line in self.process.stderr:
             self.told.append(line)
-            if line.startswith("the page stays at"):
+            if line.startswith(self._awaited):
                 self._ready.set()
         self._ready.set()
 
@@ -75,8 +77,8 @@ class Command:
 
 
 @contextlib.contextmanager
-def running(*args: object) -> Iterator[Command]:
-    command = Command(*args)
+def running(*args: object, begun: bool = False) -> Iterator[Command]:
+    command = Command(*args, begun=begun)
     try:
         yield command
     finally:
@@ -224,6 +226,12 @@ class Visitor:
         assert found is not None
         return int(found[1])
 
+    def frames(self) -> tuple[int, int]:
+        """Return the number of the frame shown, and how many there are."""
+        found = re.search(r"frame (\d+) of (\d+)", self.tab.locator("body").inner_text())
+        assert found is not None
+        return int(found[1]), int(found[2])
+
     def slider(self, name: str) -> Any:
         row = self.tab.get_by_text(name, exact=True).locator("xpath=ancestor::div[2]")
         return row.locator("[role=slider]")
@@ -338,3 +346,59 @@ def test_a_page_fed_by_a_stream_follows_it_until_paused(browser: Any) -> None:
         assert visitor.count("nodes") == 5
         assert visitor.faults == []
         visitor.tab.close()
+
+
+def test_a_stream_is_seen_paused_and_made_again(browser: Any, tmp_path: Path) -> None:
+    folder = tmp_path / "frames"
+    folder.mkdir()
+    count = 40
+    for number, points in enumerate(orbit(count, laps=2.0)):
+        np.save(folder / f"{number}.npy", points)
+    out = tmp_path / "s.json"
+    words = ["stream", "streaming", "--set", f"scene.voxel_size={VOXEL}", "-i", folder, "-o", out]
+    with running(*words, "--rate", "2", "--view", begun=True) as command:
+        with visit(browser, command) as visitor:
+            tab = visitor.tab
+            tab.get_by_role("button", name="Pause").click(timeout=WAIT)
+            tab.get_by_text("paused: no more frames are read").wait_for(timeout=WAIT)
+            early = visitor.picture()
+            assert coloured(early) > 500
+            assert grey(early) > 500
+            assert "transport" in tab.locator("table").inner_text()
+            held = visitor.frames()
+            # Long enough for three more at this rate.
+            tab.wait_for_timeout(1500)
+            assert visitor.frames() == held
+            assert held[1] < count
+            tab.get_by_role("button", name="Play").click()
+            tab.get_by_text("ready", exact=True).wait_for(timeout=WAIT)
+            assert visitor.frames()[1] >= count
+            late = visitor.picture()
+            assert np.count_nonzero((late != early).any(axis=2)) > 2000
+
+            # Back in its history and to the end again, then another ε for what is there.
+            slider = visitor.slider("frame")
+            slider.focus()
+            slider.press("Home")
+            tab.get_by_text(f"cloud 1, frame 1 of {visitor.frames()[1]}").wait_for(timeout=WAIT)
+            assert "transport" in tab.locator("table").inner_text()
+            slider.press("End")
+            whole = visitor.frames()[1]
+            tab.get_by_text(f"frame {whole} of {whole}").wait_for(timeout=WAIT)
+            nodes = visitor.count("nodes")
+            dial = visitor.slider("ε")
+            dial.focus()
+            dial.press("End")
+            tab.wait_for_function(
+                f"!document.body.innerText.includes('nodes {nodes}')", timeout=WAIT
+            )
+            assert visitor.count("nodes") < nodes
+            with tab.expect_download(timeout=WAIT) as download:
+                tab.get_by_role("button", name="Save skeleton").click()
+            named = (f"cloud_{count}.json", "end_of_the_scene.json")
+            assert download.value.suggested_filename in named
+            download.value.save_as(tmp_path / "again.json")
+            assert len(Skeleton.load(tmp_path / "again.json")) == visitor.count("nodes")
+        code, _ = command.interrupt()
+        assert code == 0, command.told
+    assert len(Skeleton.load(out))

@@ -159,9 +159,9 @@ def test_the_view_steps_back_from_a_scene_that_outgrows_it(server: Server) -> No
     page.show(Frame("0", POINTS), widen=True)
     near = np.array(camera.position)
     places = server.scene.things["/cloud"].points
-    page.show(Frame("1", POINTS * 1.1), widen=True)
+    page.show(Frame("1", POINTS * 1.05), widen=True)
     np.testing.assert_array_equal(camera.position, near)
-    far = np.concatenate([POINTS, POINTS + (40.0, 0, 0)])
+    far = np.concatenate([POINTS, POINTS + np.array([40.0, 0, 0])])
     page.show(Frame("2", far))
     np.testing.assert_array_equal(camera.position, near)
     page.show(Frame("3", far), widen=True)

@@ -25,7 +25,7 @@ SIZE = 10.0
 _FIELD = np.deg2rad(45.0)
 _DISTANCE = 1.25
 # By so much a scene may outgrow the page before the view steps back.
-_OUTGROWN = 1.3
+_OUTGROWN = 1.1
 # Up to so many points are drawn in the size that was asked for.
 _FEW = 6000
 # Seen a little from the side and from above, as on the HTML page.
@@ -154,13 +154,14 @@ class Drawing:
         if self._space is None or self._view is None:
             return
         scene = make_scene(*_shape(frame))
-        position, centre = self._view
-        size = scene.size * self._space.scale
-        if size * _DISTANCE <= _OUTGROWN * float(np.linalg.norm(position - centre)):
+        position, looked = self._view
+        centre, size = self._space.to_page(scene.centre[None])[0], scene.size * self._space.scale
+        reach = size + 2 * float(np.linalg.norm(centre - looked))
+        if reach * _DISTANCE <= _OUTGROWN * float(np.linalg.norm(position - looked)):
             return
         clients = self._server.get_clients().values()
         still = [c for c in clients if np.allclose(c.camera.position, position, atol=1e-3 * SIZE)]
-        self._place(self._space.to_page(scene.centre[None])[0], size, still)
+        self._place(centre, size, still)
 
     def _place(self, centre: NDArray[np.float64], size: float, clients: list[Any]) -> None:
         """Look at `centre` from where `size` fills the page: `clients`, and who comes later."""
