@@ -18,7 +18,6 @@ import pytest
 from typer.testing import CliRunner
 
 from mdcs_pipeline.cli.app import app
-from mdcs_pipeline.cli.compiling import kernels_cached
 from mdcs_pipeline.cli.guard import Mode, guarded
 from mdcs_pipeline.cli.inputs import by_source
 from mdcs_pipeline.cli.options import range_text, type_text
@@ -295,35 +294,6 @@ def test_warmup_says_how_long_it_took(monkeypatch: pytest.MonkeyPatch) -> None:
     assert done.stdout.startswith("kernels ")
     assert made == [(c, kind) for c in config_names() for kind in ("float64", "float32")]
     assert mdcs("warmup", "-q").stdout == ""
-
-
-def test_the_cache_is_whole_only_if_every_kernel_is_newer_than_its_source(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.delenv("NUMBA_DISABLE_JIT", raising=False)
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "user"))
-    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
-    folder = tmp_path / "compiled"
-    cache = folder / "__pycache__"
-    cache.mkdir(parents=True)
-    for name in ("one", "two"):
-        (folder / f"{name}.py").write_text("@njit\ndef f(): ...\n")
-        os.utime(folder / f"{name}.py", (100, 100))
-    (folder / "types.py").write_text("X = int\n")
-    assert not kernels_cached(folder)
-    (cache / "one.f-1.py311.nbi").touch()
-    assert not kernels_cached(folder)
-    elsewhere = tmp_path / "user" / "numba" / "compiled_0a"
-    elsewhere.mkdir(parents=True)
-    (elsewhere / "two.f-1.py311.nbi").touch()
-    assert kernels_cached(folder)
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "given"))
-    assert not kernels_cached(folder)
-    monkeypatch.delenv("NUMBA_CACHE_DIR")
-    os.utime(cache / "one.f-1.py311.nbi", (99, 99))
-    assert not kernels_cached(folder)
-    monkeypatch.setenv("NUMBA_DISABLE_JIT", "1")
-    assert kernels_cached(folder)
 
 
 # --- faults
