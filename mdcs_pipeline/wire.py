@@ -30,7 +30,8 @@ from typing import TYPE_CHECKING, Any, TypeVar, Union, get_args, get_origin, get
 
 import numpy as np
 
-from mdcs_pipeline.errors import InputError, MdcsError, MissingExtraError, OutputError
+from mdcs_pipeline.errors import InputError, MdcsError, OutputError
+from mdcs_pipeline.io.arrow import array_of, arrow, csr_of, csr_struct, list_of
 from mdcs_pipeline.io.plain import json_text
 
 if TYPE_CHECKING:
@@ -39,20 +40,6 @@ if TYPE_CHECKING:
 M = TypeVar("M")
 SCHEMA_VERSION = 1
 _HEAD = b"mdcs"
-_CSR = ("data", "indices", "indptr", "shape")
-
-
-def arrow() -> Any:
-    """Return pyarrow, or raise a `MissingExtraError`."""
-    try:
-        import pyarrow
-    except ImportError as error:
-        raise MissingExtraError(
-            "messages between processes need pyarrow",
-            received=str(error),
-            remedy="install an extra that brings it: pip install 'mdcs-pipeline[ros2]' or [dora]",
-        ) from error
-    return pyarrow
 
 
 def to_arrow(message: Any) -> pa.StructArray:
@@ -198,17 +185,16 @@ def from_bytes(data: Any) -> tuple[str, pa.StructArray]:
 def _column(value: Any, pa: Any) -> Any:
     """Return one field as an Arrow array of one row."""
     if isinstance(value, np.ndarray):
-        return _list(value, pa)
+        return list_of(value)
     if _is_csr(value):
-        parts = (value.data, value.indices, value.indptr, np.asarray(value.shape, np.int64))
-        return pa.StructArray.from_arrays([_list(part, pa) for part in parts], list(_CSR))
+        return csr_struct(value)
     if dataclasses.is_dataclass(value):
         return to_arrow(value)
     if isinstance(value, dict):
         return pa.array([json_text(value)], pa.string())
     if isinstance(value, tuple) and all(isinstance(v, int | float) for v in value):
         whole = value and all(isinstance(v, int) for v in value)
-        return _list(np.asarray(value, np.int64 if whole else np.float64), pa)
+        return list_of(np.asarray(value, np.int64 if whole else np.float64))
     if isinstance(value, bool | int | float | str | np.generic):
         return pa.array([value.item() if isinstance(value, np.generic) else value])
     raise OutputError(
@@ -216,22 +202,6 @@ def _column(value: Any, pa: Any) -> Any:
         received=type(value).__name__,
         remedy="use arrays, numbers, text or dataclasses of them; see docs/wire.md",
     )
-
-
-def _list(array: np.ndarray[Any, Any], pa: Any) -> Any:
-    if array.ndim not in (1, 2) or array.dtype.kind not in "fiub":
-        raise OutputError(
-            "an array of this shape or type does not travel between processes",
-            received=f"{array.ndim} axes of {array.dtype}",
-        )
-    held = array.view(np.uint8) if array.dtype == np.bool_ else array
-    native = np.ascontiguousarray(held, held.dtype.newbyteorder("="))
-    values = pa.array(native.reshape(-1))
-    if array.ndim == 2:
-        if not array.shape[1]:
-            raise OutputError("an array of no columns does not travel between processes")
-        values = pa.FixedSizeListArray.from_arrays(values, array.shape[1])
-    return pa.ListArray.from_arrays(pa.array([0, len(array)], pa.int32()), values)
 
 
 def _value(column: Any, hint: Any) -> Any:
@@ -245,52 +215,17 @@ def _value(column: Any, hint: Any) -> Any:
     if isinstance(origin, type) and issubclass(origin, dict):
         return dict(json.loads(column[0].as_py()))
     if origin is tuple:
-        return tuple(_array(column).tolist())
+        return tuple(array_of(column).tolist())
     if origin is np.ndarray:
-        return _array(column, truth=_is_truth(hint))
+        return array_of(column, truth=_is_truth(hint))
     if _names_csr(hint):
-        return _csr(column)
+        return csr_of(column)
     value = column[0].as_py()
     if hint is float and type(value) is int:
         return float(value)
     if isinstance(hint, type) and not isinstance(value, hint):
         raise InputError(f"{hint.__name__} was expected", received=type(value).__name__)
     return value
-
-
-def _array(column: Any, truth: bool = False) -> np.ndarray[Any, Any]:
-    pa = arrow()
-    if not pa.types.is_list(column.type):
-        raise InputError("a list was expected", received=str(column.type))
-    values, width = column.flatten(), None
-    if pa.types.is_fixed_size_list(values.type):
-        width = values.type.list_size
-        values = values.flatten()
-    # A message may be of no points; then there is no buffer to look at.
-    flat: np.ndarray[Any, Any] = values.to_numpy(zero_copy_only=bool(len(values)))
-    array = flat if width is None else flat.reshape(-1, width)
-    if truth and array.dtype == np.uint8:
-        if len(array) and array.max() > 1:
-            raise InputError("truth values are 0 or 1", received=int(array.max()))
-        return array.view(np.bool_)
-    return array
-
-
-def _csr(column: Any) -> Any:
-    from scipy import sparse
-
-    data, indices, indptr, shape = (_array(column.field(name)) for name in _CSR)
-    rows, columns = (int(n) for n in shape)
-    whole = (
-        len(indptr) == rows + 1
-        and len(data) == len(indices) == indptr[-1]
-        and indptr[0] == 0
-        and (np.diff(indptr) >= 0).all()
-        and (not len(indices) or 0 <= indices.min() <= indices.max() < columns)
-    )
-    if not whole:
-        raise InputError("the sparse matrix does not fit together", received=f"shape {shape}")
-    return sparse.csr_array((data, indices, indptr), shape=(rows, columns), copy=False)
 
 
 @cache

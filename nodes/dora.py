@@ -18,6 +18,7 @@ from mdcs_pipeline.checks import SOURCES
 from mdcs_pipeline.config import load_spec, parse_override
 from mdcs_pipeline.errors import InputError, MdcsError, MissingExtraError
 from mdcs_pipeline.graph import build_graph
+from mdcs_pipeline.io.arrow import arrow
 from mdcs_pipeline.messages import PointCloud
 from mdcs_pipeline.parts.dataflow import NEXT, TURN, WRITTEN, channel_id
 from mdcs_pipeline.parts.letters import Letter, head_text
@@ -98,7 +99,7 @@ class PartNode:
     """
 
     def __init__(self, chosen: argparse.Namespace) -> None:
-        self._none = wire.arrow().array([], wire.arrow().int8())
+        self._none = arrow().array([], arrow().int8())
         graph = build_graph(load_spec(chosen.config, dict(map(parse_override, chosen.sets))))
         self._sources = list(graph.spec.sources)
         self._member = Member(
@@ -208,7 +209,7 @@ def cloud_of(event: dict[str, Any]) -> PointCloud:
     from mdcs_pipeline.header import Header
     from mdcs_pipeline.ingest import as_point_cloud
 
-    pa, value, metadata = wire.arrow(), event["value"], event["metadata"]
+    pa, value, metadata = arrow(), event["value"], event["metadata"]
     if pa.types.is_struct(value.type):
         return wire.from_arrow(value, PointCloud)
     if pa.types.is_fixed_size_list(value.type):
@@ -266,7 +267,7 @@ def _run_writer(chosen: argparse.Namespace) -> int:
     from mdcs_pipeline.io.write import write_skeleton
 
     chosen.folder.mkdir(parents=True, exist_ok=True)
-    node, none = _dora_node(), wire.arrow().array([], wire.arrow().int8())
+    node, none = _dora_node(), arrow().array([], arrow().int8())
     for event in events_of(node):
         if event is not None and event["type"] == "INPUT":
             try:

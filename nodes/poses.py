@@ -1,25 +1,26 @@
-"""Poses by time: where a sensor stood when it measured."""
+"""Poses as they arrive: where a sensor stood when it measured."""
 
 from __future__ import annotations
 
 import bisect
 import threading
 from dataclasses import dataclass
+from operator import attrgetter
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mdcs_pipeline.arrays import FloatArray
 from mdcs_pipeline.errors import InputError
-from mdcs_pipeline.io.pose_track import interpolated
+from mdcs_pipeline.io.pose_track import PoseTrack, check_poses
 
 # Some minutes of odometry at 100 Hz.
 MOST_POSES = 20_000
+_stamp = attrgetter("stamp_ns")
 
 
 @dataclass(frozen=True)
 class Pose:
-    """A rotation and a shift into the frame `frame_id`.
+    """A rotation and a shift into the frame `frame_id`, at a time.
 
     Parameters
     ----------
@@ -27,7 +28,7 @@ class Pose:
     frame_id : str
     position : (3,) float64
     quaternion : (4,) float64
-        x, y, z, w of unit length.
+        x, y, z, w; its length may be off by a hundredth.
     """
 
     stamp_ns: int
@@ -35,30 +36,13 @@ class Pose:
     position: NDArray[np.float64]
     quaternion: NDArray[np.float64]
 
-    def apply(self, points: FloatArray) -> NDArray[np.float64]:
-        """Return (N, 3) points of the sensor in the frame of the pose."""
-        return np.asarray(points, np.float64) @ rotation(self.quaternion).T + self.position
-
-
-def rotation(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the (3, 3) matrix of a unit quaternion x, y, z, w."""
-    from scipy.spatial.transform import Rotation
-
-    return np.asarray(Rotation.from_quat(quaternion).as_matrix(), dtype=np.float64)
-
 
 def make_pose(stamp_ns: int, frame_id: str, position: object, quaternion: object) -> Pose:
     """Return a pose, or raise an `InputError` if it is none."""
     place = np.asarray(position, np.float64)
     turn = np.asarray(quaternion, np.float64)
-    length = float(np.linalg.norm(turn))
-    if not (np.isfinite(place).all() and np.isfinite(length) and abs(length - 1) < 0.01):
-        raise InputError(
-            "the pose is no rigid motion",
-            received=f"position {place.tolist()}, quaternion {turn.tolist()}",
-            remedy="publish finite coordinates and a quaternion of length 1",
-        )
-    return Pose(stamp_ns, frame_id, place, turn / length)
+    check_poses(place[None], turn[None])
+    return Pose(stamp_ns, frame_id, place, turn)
 
 
 class PoseBuffer:
@@ -85,15 +69,21 @@ class PoseBuffer:
         with self._arrived:
             if self._poses and self._poses[-1].frame_id != pose.frame_id:
                 self._poses.clear()
-            bisect.insort(self._poses, pose, key=lambda held: held.stamp_ns)
+            bisect.insort(self._poses, pose, key=_stamp)
             del self._poses[:-MOST_POSES]
             self._arrived.notify_all()
 
-    def wait(self, stamp_ns: int, seconds: float) -> Pose:
+    def wait(self, stamp_ns: int, seconds: float) -> tuple[NDArray[np.float64], str]:
         """Return the pose at a time, after waiting for one that is still on its way.
 
-        Between two poses, both within the tolerance, it is interpolated; the odometry of a
-        moment often arrives after the cloud of that moment.
+        The odometry of a moment often arrives after the cloud of that moment.
+
+        Returns
+        -------
+        (4, 4) float64
+            As `PoseTrack.at` gives it.
+        str
+            The frame that it leads into.
 
         Raises
         ------
@@ -103,35 +93,18 @@ class PoseBuffer:
         with self._arrived:
             # Only a pose from behind the moment says that no nearer one will come.
             self._arrived.wait_for(lambda: self._is_past(stamp_ns), timeout=seconds)
-            found = self._at(stamp_ns)
-        if found is None:
+            after = bisect.bisect_left(self._poses, stamp_ns, key=_stamp)
+            near, held = self._poses[max(after - 1, 0) : after + 1], len(self._poses)
+        stamps = [pose.stamp_ns for pose in near]
+        track = PoseTrack(stamps, [p.position for p in near], [p.quaternion for p in near])
+        matrix = track.at(stamp_ns, self.tolerance_ns)
+        if matrix is None:
             raise InputError(
                 "no pose is near the cloud in time",
-                received=f"cloud at {stamp_ns} ns, {len(self._poses)} poses",
+                received=f"cloud at {stamp_ns} ns, {held} poses",
                 remedy="publish poses with the clouds' clock, or raise pose_tolerance",
             )
-        return found
+        return matrix, near[0].frame_id
 
     def _is_past(self, stamp_ns: int) -> bool:
         return bool(self._poses) and self._poses[-1].stamp_ns >= stamp_ns
-
-    def _at(self, stamp_ns: int) -> Pose | None:
-        after = bisect.bisect_left(self._poses, stamp_ns, key=lambda held: held.stamp_ns)
-        near = [
-            pose
-            for pose in self._poses[max(after - 1, 0) : after + 1]
-            if abs(pose.stamp_ns - stamp_ns) <= self.tolerance_ns
-        ]
-        if len(near) == 2:
-            return between(near[0], near[1], stamp_ns)
-        return near[0] if near else None
-
-
-def between(first: Pose, second: Pose, stamp_ns: int) -> Pose:
-    """Return the pose at a time between two others; rotations go the shortest way."""
-    span = second.stamp_ns - first.stamp_ns
-    share = (stamp_ns - first.stamp_ns) / span if span else 1.0
-    places = np.stack([first.position, second.position])
-    turns = np.stack([first.quaternion, second.quaternion])
-    place, turn = interpolated(share, places, turns)
-    return Pose(stamp_ns, first.frame_id, place, turn)

@@ -6,6 +6,11 @@ import contextlib
 from collections.abc import Callable, Iterator
 from typing import Any
 
+import pytest
+
+from mdcs_pipeline.viewer import page as page_module
+from mdcs_pipeline.viewer.page import LivePage
+
 
 class Handle:
     """A control or a thing in the scene: attributes, and callbacks when a user changes it."""
@@ -144,3 +149,21 @@ class Server:
 
     def stop(self) -> None:
         self.stopped = True
+
+
+def closed_at_once(patch: pytest.MonkeyPatch) -> list[LivePage]:
+    """Let pages do without sockets, and their user press Ctrl-C; return those that are served."""
+    pages: list[LivePage] = []
+
+    def serve(page: LivePage) -> None:
+        pages.append(page)
+        raise KeyboardInterrupt
+
+    patch.setattr(page_module, "open_server", lambda host, port, title: Server())
+    patch.setattr(LivePage, "serve", serve)
+    return pages
+
+
+def shown(page: LivePage) -> list[Any]:
+    """Return the frames that a page holds."""
+    return page._film._frames

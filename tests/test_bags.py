@@ -22,7 +22,7 @@ from mdcs_pipeline.io.bag_writer import BagWriter
 from mdcs_pipeline.io.bags import BagFrames, bag_topics, is_bag
 from mdcs_pipeline.io.markers import DELETE, EDGES, NODES, MarkerHistory, skeleton_markers
 from mdcs_pipeline.io.point_cloud2 import encode_points
-from mdcs_pipeline.io.pose_track import PoseTrack, pose_matrix
+from mdcs_pipeline.io.pose_track import PoseTrack
 from mdcs_pipeline.messages import Header, Skeleton
 
 pytest.importorskip("rosbags")
@@ -332,8 +332,10 @@ def test_the_last_of_equal_stamps_counts() -> None:
     [((np.nan, 0, 0), (0, 0, 0, 1)), ((0, 0, 0), (0, 0, 0, 0)), ((0, 0, 0), (1, 1, 1, 1))],
 )
 def test_what_is_no_pose(place: Any, turn: Any) -> None:
-    with pytest.raises(InputError, match="no rigid motions"):
-        pose_matrix(place, turn)
+    with pytest.raises(InputError, match="the pose is no rigid motion"):
+        PoseTrack([0], [place], [turn])
+    with pytest.raises(InputError, match="1 of 2 poses are no rigid motions"):
+        PoseTrack([0, 1], [(0, 0, 0), place], [(0, 0, 0, 1), turn])
 
 
 # --- writing

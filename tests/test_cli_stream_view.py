@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import io
 import json
 import threading
@@ -14,7 +13,7 @@ from typing import Any
 import frames
 import numpy as np
 import pytest
-from fake_viser import Server
+from fake_viser import closed_at_once, shown
 from typer.testing import CliRunner
 
 from mdcs_pipeline.cli.app import app
@@ -40,17 +39,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def seen(monkeypatch: pytest.MonkeyPatch) -> list[LivePage]:
-    """Give the pages that were served; their user presses Ctrl-C at once."""
-    pages: list[LivePage] = []
-
-    def serve(page: LivePage) -> None:
-        pages.append(page)
-        raise KeyboardInterrupt
-
-    module = importlib.import_module("mdcs_pipeline.viewer.page")
-    monkeypatch.setattr(module, "open_server", lambda host, port, title: Server())
-    monkeypatch.setattr(LivePage, "serve", serve)
-    return pages
+    return closed_at_once(monkeypatch)
 
 
 @pytest.fixture
@@ -58,10 +47,6 @@ def said(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     words: list[str] = []
     monkeypatch.setattr(LivePage, "say", lambda page, text, hurry=False: words.append(text))
     return words
-
-
-def shown(page: LivePage) -> list[Any]:
-    return page._film._frames
 
 
 def press(page: LivePage, name: str) -> None:

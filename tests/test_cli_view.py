@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fake_viser import Server
+from fake_viser import closed_at_once, shown
 from typer.testing import CliRunner
 
 from mdcs_pipeline.cli.app import app
@@ -32,21 +32,7 @@ def cloud(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def seen(monkeypatch: pytest.MonkeyPatch) -> list[LivePage]:
-    """Give the pages that were served; their user presses Ctrl-C at once."""
-    pages: list[LivePage] = []
-
-    def serve(page: LivePage) -> None:
-        pages.append(page)
-        raise KeyboardInterrupt
-
-    module = importlib.import_module("mdcs_pipeline.viewer.page")
-    monkeypatch.setattr(module, "open_server", lambda host, port, title: Server())
-    monkeypatch.setattr(LivePage, "serve", serve)
-    return pages
-
-
-def shown(page: LivePage) -> list[Any]:
-    return page._film._frames
+    return closed_at_once(monkeypatch)
 
 
 def test_a_cloud_is_run_and_shown_and_can_be_made_again(cloud: Path, seen: list[LivePage]) -> None:

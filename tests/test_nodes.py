@@ -18,8 +18,9 @@ from mdcs_pipeline.errors import ConfigError, InputError, MissingExtraError
 from mdcs_pipeline.nodes import dora, ros2
 from mdcs_pipeline.nodes.host import Host, settings_of
 from mdcs_pipeline.nodes.latest import Counts, Latest
-from mdcs_pipeline.nodes.poses import Pose, PoseBuffer, between, make_pose, rotation
+from mdcs_pipeline.nodes.poses import PoseBuffer, make_pose
 from mdcs_pipeline.pipeline import skeletonize
+from mdcs_pipeline.poses import posed
 from mdcs_pipeline.stream import Stream
 
 
@@ -159,17 +160,22 @@ def quaternion(angle: float) -> np.ndarray:
 
 @given(st.floats(-3, 3), st.floats(-1.5, 1.5), st.integers(0, 100))
 def test_between_poses_the_turn_is_even(start: float, turn: float, share: int) -> None:
-    first = Pose(0, "odom", np.zeros(3), quaternion(start))
-    second = Pose(100, "odom", np.ones(3), -quaternion(start + turn))
-    found = between(first, second, share)
-    expected = rotation(quaternion(start + turn * share / 100))
-    np.testing.assert_allclose(rotation(found.quaternion), expected, atol=1e-6)
-    np.testing.assert_allclose(found.position, share / 100)
+    buffer = PoseBuffer(tolerance_ns=100)
+    buffer.add(make_pose(0, "odom", np.zeros(3), quaternion(start)))
+    buffer.add(make_pose(100, "odom", np.ones(3), -quaternion(start + turn)))
+    found, _ = buffer.wait(share, 0)
+    angle = start + turn * share / 100
+    expected = [[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]]
+    np.testing.assert_allclose(found[:3, :3], expected, atol=1e-6)
+    np.testing.assert_allclose(found[:3, 3], share / 100)
 
 
 def test_a_pose_turns_and_shifts() -> None:
-    pose = make_pose(0, "odom", (1, 2, 3), quaternion(np.pi / 2))
-    np.testing.assert_allclose(pose.apply(np.array([[1.0, 0, 0]])), [[1, 3, 3]], atol=1e-12)
+    buffer = PoseBuffer(tolerance_ns=0)
+    buffer.add(make_pose(0, "odom", (1, 2, 3), quaternion(np.pi / 2)))
+    pose, frame_id = buffer.wait(0, 0)
+    np.testing.assert_allclose(posed(np.array([[1.0, 0, 0]]), pose), [[1, 3, 3]], atol=1e-12)
+    assert frame_id == "odom"
 
 
 def test_the_pose_that_is_on_its_way_is_waited_for() -> None:
@@ -178,7 +184,7 @@ def test_the_pose_that_is_on_its_way_is_waited_for() -> None:
     late = make_pose(140, "odom", (4, 0, 0), (0, 0, 0, 1))
     timer = threading.Timer(0.05, buffer.add, [late])
     timer.start()
-    assert buffer.wait(110, 10).position[0] == pytest.approx(1)
+    assert buffer.wait(110, 10)[0][0, 3] == pytest.approx(1)
     timer.join()
 
 
@@ -186,11 +192,12 @@ def test_a_pose_too_far_in_time_is_none() -> None:
     buffer = PoseBuffer(tolerance_ns=50)
     with pytest.raises(InputError, match="no pose is near"):
         buffer.wait(100, 0)
-    buffer.add(make_pose(100, "odom", (0, 0, 0), (0, 0, 0, 1)))
-    assert buffer.wait(150, 0).stamp_ns == 100
+    buffer.add(make_pose(100, "odom", (7, 0, 0), (0, 0, 0, 1)))
+    assert buffer.wait(150, 0)[0][0, 3] == 7
     with pytest.raises(InputError, match="no pose is near"):
         buffer.wait(151, 0)
     buffer.add(make_pose(300, "map", (0, 0, 0), (0, 0, 0, 1)))
+    assert buffer.wait(300, 0)[1] == "map"
     with pytest.raises(InputError, match="no pose is near"):
         buffer.wait(100, 0)
 

@@ -28,45 +28,50 @@ def _group() -> None:
     """Write a pipeline as something that another runtime runs."""
 
 
+Frames = Annotated[
+    Path | None,
+    typer.Option(show_default=False, help="Cloud, or folder of clouds, to read and send."),
+]
+Results = Annotated[
+    Path | None,
+    typer.Option(show_default=False, help="Folder to write the skeletons to."),
+]
+Clouds = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="[SOURCE=]NODE/OUTPUT",
+        show_default=False,
+        help="Output of your own dataflow that gives clouds; repeatable.",
+    ),
+]
+Machines = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="HOST=MACHINE",
+        show_default=False,
+        help="Machine of a host, by the --machine-id of its daemon; repeatable.",
+    ),
+]
+Program = Annotated[
+    str | None,
+    typer.Option(
+        show_default=False, help="mdcs-dora as each machine finds it; this one's by default."
+    ),
+]
+InFlight = Annotated[int, typer.Option(min=1, max=64, help="Frames that are under way at a time.")]
+Waiting = Annotated[int, typer.Option(min=1, help="Clouds that wait; more push out the oldest.")]
+
+
 @export.command()
 def dora(
     config: ConfigArgument,
-    frames: Annotated[
-        Path | None,
-        typer.Option(show_default=False, help="Cloud, or folder of clouds, to read and send."),
-    ] = None,
-    results: Annotated[
-        Path | None,
-        typer.Option(show_default=False, help="Folder to write the skeletons to."),
-    ] = None,
-    cloud: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="[SOURCE=]NODE/OUTPUT",
-            show_default=False,
-            help="Output of your own dataflow that gives clouds; repeatable.",
-        ),
-    ] = None,
-    machine: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="HOST=MACHINE",
-            show_default=False,
-            help="Machine of a host, by the --machine-id of its daemon; repeatable.",
-        ),
-    ] = None,
-    program: Annotated[
-        str | None,
-        typer.Option(
-            show_default=False, help="mdcs-dora as each machine finds it; this one's by default."
-        ),
-    ] = None,
-    in_flight: Annotated[
-        int, typer.Option(min=1, max=64, help="Frames that are under way at a time.")
-    ] = 1,
-    waiting: Annotated[
-        int, typer.Option(min=1, help="Clouds that wait; more push out the oldest.")
-    ] = 16,
+    frames: Frames = None,
+    results: Results = None,
+    cloud: Clouds = None,
+    machine: Machines = None,
+    program: Program = None,
+    in_flight: InFlight = 1,
+    waiting: Waiting = 16,
     output: Annotated[
         Path | None,
         typer.Option("--output", "-o", show_default=False, help="File to write: .yml or .yaml."),

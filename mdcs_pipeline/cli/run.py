@@ -50,37 +50,39 @@ Outputs = Annotated[
         "frames, a folder or an .mcap.",
     ),
 ]
+Config = Annotated[
+    str,
+    typer.Argument(metavar="CONFIG", help="Name of a shipped configuration, or a YAML file."),
+]
+Style = Annotated[
+    str,
+    typer.Option("--format", metavar="SUFFIX", help="Suffix of the files when a folder comes out."),
+]
+Topic = Annotated[
+    str | None,
+    typer.Option(show_default=False, help="Topic of a bag; not needed where it is alone."),
+]
+FrameNumber = Annotated[
+    int | None,
+    typer.Option(show_default=False, help="Take one cloud of a bag, counted from 0."),
+]
+FrameId = Annotated[
+    str,
+    typer.Option(metavar="NAME", help="Coordinate frame of the cloud, copied to the skeleton."),
+]
+Stamp = Annotated[int, typer.Option(metavar="NUMBER", help="Time of measurement in nanoseconds.")]
 
 
 def run(
-    config: Annotated[
-        str,
-        typer.Argument(metavar="CONFIG", help="Name of a shipped configuration, or a YAML file."),
-    ] = "default",
+    config: Config = "default",
     inputs: Inputs = None,
     outputs: Outputs = None,
     sets: SetOption = None,
-    style: Annotated[
-        str,
-        typer.Option(
-            "--format", metavar="SUFFIX", help="Suffix of the files when a folder comes out."
-        ),
-    ] = "json",
-    topic: Annotated[
-        str | None,
-        typer.Option(show_default=False, help="Topic of a bag; not needed where it is alone."),
-    ] = None,
-    frame: Annotated[
-        int | None,
-        typer.Option(show_default=False, help="Take one cloud of a bag, counted from 0."),
-    ] = None,
-    frame_id: Annotated[
-        str,
-        typer.Option(metavar="NAME", help="Coordinate frame of the cloud, copied to the skeleton."),
-    ] = "",
-    stamp_ns: Annotated[
-        int, typer.Option(metavar="NUMBER", help="Time of measurement in nanoseconds.")
-    ] = 0,
+    style: Style = "json",
+    topic: Topic = None,
+    frame: FrameNumber = None,
+    frame_id: FrameId = "",
+    stamp_ns: Stamp = 0,
     quiet: Annotated[
         bool, typer.Option("--quiet", "-q", help="Say nothing but errors (and --json).")
     ] = False,

@@ -141,15 +141,7 @@ def open_stream_screen(
     graph: Graph, source: Source, waits: bool, view: bool, host: str | None, port: int | None,
     quiet: bool,
 ) -> Iterator[StreamScreen]:  # fmt: skip
-    """Give the screen that was asked for, and take it down in the end.
-
-    Raises
-    ------
-    InputError
-        If an address is given but no page wanted, or nobody can listen there.
-    MissingExtraError
-        If viser is not installed.
-    """
+    """Give the screen that was asked for, and take it down in the end; see `open_screen`."""
     if not page_wanted(view, host, port):
         yield StreamScreen()
         return

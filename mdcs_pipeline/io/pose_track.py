@@ -12,29 +12,6 @@ from mdcs_pipeline.errors import InputError
 FloatArray = NDArray[np.float64]
 
 
-def pose_matrix(position: ArrayLike, quaternion: ArrayLike) -> FloatArray:
-    """Return the rigid motion of a `geometry_msgs/Pose`.
-
-    Parameters
-    ----------
-    position : (3,) array-like
-    quaternion : (4,) array-like
-        x, y, z, w; its length may be off by a hundredth.
-
-    Returns
-    -------
-    (4, 4) float64
-
-    Raises
-    ------
-    InputError
-        If a number is not finite, or the quaternion is no rotation.
-    """
-    track = PoseTrack([0], np.reshape(position, (1, 3)), np.reshape(quaternion, (1, 4)))
-    (matrix,) = track.matrices()
-    return matrix
-
-
 class PoseTrack:
     """Poses by their stamps.
 
@@ -57,7 +34,7 @@ class PoseTrack:
     ) -> None:
         places = np.asarray(positions, np.float64).reshape(-1, 3)
         turns = np.asarray(quaternions, np.float64).reshape(-1, 4)
-        _check(places, turns)
+        check_poses(places, turns)
         # From the back, so that unique's first is the last given.
         stamps = np.asarray(stamps_ns, np.int64)[::-1]
         self._stamps, chosen = np.unique(stamps, return_index=True)
@@ -90,7 +67,7 @@ class PoseTrack:
             Between two poses that count, positions are interpolated along the straight and
             rotations along the shortest way. With one of them, that one.
         """
-        from scipy.spatial.transform import Rotation
+        from scipy.spatial.transform import Rotation, Slerp
 
         after = int(np.searchsorted(self._stamps, stamp_ns))
         near = [
@@ -105,32 +82,9 @@ class PoseTrack:
         # Exact differences first: float64 cannot tell nanoseconds since 1970 apart.
         span = int(self._stamps[near[1]]) - int(self._stamps[near[0]])
         share = (stamp_ns - int(self._stamps[near[0]])) / span
-        place, turn = interpolated(share, self._places[near], self._turns[near])
-        return _matrices(place[None], Rotation.from_quat(turn[None]).as_matrix())[0]
-
-
-def interpolated(
-    share: float, places: FloatArray, turns: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return the pose at a share of the way from the first of two poses to the second.
-
-    Parameters
-    ----------
-    share : float
-        In [0, 1].
-    places : (2, 3) float64
-    turns : (2, 4) float64
-        Quaternions x, y, z, w.
-
-    Returns
-    -------
-    (3,) and (4,) float64
-        The place on the straight, and the quaternion on the shortest way.
-    """
-    from scipy.spatial.transform import Rotation, Slerp
-
-    turn = Slerp([0.0, 1.0], Rotation.from_quat(turns))([share]).as_quat()[0]
-    return (1 - share) * places[0] + share * places[1], turn
+        place = (1 - share) * self._places[near[0]] + share * self._places[near[1]]
+        turn = Slerp([0.0, 1.0], Rotation.from_quat(self._turns[near]))([share])
+        return _matrices(place[None], turn.as_matrix())[0]
 
 
 def _matrices(places: FloatArray, turns: FloatArray) -> list[FloatArray]:
@@ -139,13 +93,16 @@ def _matrices(places: FloatArray, turns: FloatArray) -> list[FloatArray]:
     return list(made)
 
 
-def _check(places: FloatArray, turns: FloatArray) -> None:
+def check_poses(places: FloatArray, turns: FloatArray) -> None:
+    """Raise an `InputError` unless (P, 3) positions and (P, 4) quaternions are rigid motions."""
     length = np.linalg.norm(turns, axis=1)
     good = np.isfinite(places).all(axis=1) & (np.abs(length - 1) < 0.01)
     if not good.all():
         first = int(np.argmin(good))
         raise InputError(
-            f"{np.count_nonzero(~good)} of {len(good)} poses are no rigid motions",
+            f"{np.count_nonzero(~good)} of {len(good)} poses are no rigid motions"
+            if len(good) > 1
+            else "the pose is no rigid motion",
             received=f"position {places[first].tolist()}, quaternion {turns[first].tolist()}",
             remedy="a pose needs finite numbers and a quaternion of length 1",
         )

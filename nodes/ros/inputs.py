@@ -22,8 +22,9 @@ from sensor_msgs.msg import PointCloud2
 
 from mdcs_pipeline.errors import InputError, MdcsError
 from mdcs_pipeline.io.point_cloud2 import decode_points, stamp_to_ns
+from mdcs_pipeline.poses import posed
 
-from ..poses import Pose, PoseBuffer, make_pose
+from ..poses import PoseBuffer, make_pose
 from .settings import NodeSettings
 
 NANO = 1_000_000_000
@@ -228,14 +229,14 @@ def points_of(
         )
     stamp_ns = stamp_to_ns(headers[0].stamp)
     points: dict[str, Any] = {}
-    pose: Pose | None = None
+    frame_id = headers[0].frame_id
     for source, cloud in clouds.items():
         try:
             decoded = decode_points(cloud)
         except InputError as error:
             raise error.located(f"source '{source}'") from error
         if poses is not None:
-            pose = poses.wait(stamp_to_ns(cloud.header.stamp), pose_wait)
-            decoded = pose.apply(decoded)
+            pose, frame_id = poses.wait(stamp_to_ns(cloud.header.stamp), pose_wait)
+            decoded = posed(decoded, pose)
         points[source] = decoded
-    return points, stamp_ns, headers[0].frame_id if pose is None else pose.frame_id
+    return points, stamp_ns, frame_id
