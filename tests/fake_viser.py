@@ -151,13 +151,17 @@ class Server:
         self.stopped = True
 
 
-def closed_at_once(patch: pytest.MonkeyPatch) -> list[LivePage]:
-    """Let pages do without sockets, and their user press Ctrl-C; return those that are served."""
+def closed_at_once(patch: pytest.MonkeyPatch, by_key: bool = True) -> list[LivePage]:
+    """Let pages do without sockets; return those that are served, and end at once.
+
+    By Ctrl-C of their user, or else by being closed.
+    """
     pages: list[LivePage] = []
 
     def serve(page: LivePage) -> None:
         pages.append(page)
-        raise KeyboardInterrupt
+        if by_key:
+            raise KeyboardInterrupt
 
     patch.setattr(page_module, "open_server", lambda host, port, title: Server())
     patch.setattr(LivePage, "serve", serve)

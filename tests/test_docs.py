@@ -11,7 +11,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from fake_viser import closed_at_once, shown
+from typer.testing import CliRunner
 
+from mdcs_pipeline.cli.app import app
 from mdcs_pipeline.config import load_spec
 from mdcs_pipeline.graph import build_graph
 from mdcs_pipeline.stage import stage_class, stage_names
@@ -32,6 +35,7 @@ NEEDS = {
     "howto/bags.md": ("rosbags",),
     "wire.md": ("pyarrow",),
     "howto/measure.md": ("open3d", "matplotlib", "k3d"),
+    "howto/page.md": ("open3d", "matplotlib", "k3d"),
 }
 
 
@@ -67,6 +71,9 @@ class Page:
                 return
             options = ["--no-deps", "--no-build-isolation", "--no-index", "--quiet"]
             line = [*python, "pip", "install", *options, "--target", str(self.plugins), "."]
+        elif words[:2] == ["mdcs", "view"] or "--view" in words:
+            self.viewed(words)
+            return
         else:
             assert words[0] == "mdcs", words
             line = [*python, "mdcs_pipeline", *words[1:]]
@@ -81,6 +88,15 @@ class Page:
             check=False,
         )
         assert done.returncode == 0, (words, done.stdout, done.stderr)
+
+    @staticmethod
+    def viewed(words: list[str]) -> None:
+        """Run what shows a page, within this process: nobody is there to press Ctrl-C."""
+        with pytest.MonkeyPatch.context() as patch:
+            pages = closed_at_once(patch)
+            done = CliRunner().invoke(app, words[1:])
+            assert done.exit_code == 0, (words, done.stderr)
+            assert all(frame.skeleton is not None for frame in shown(pages[0]))
 
     @staticmethod
     def check_extras(what: str) -> None:
@@ -111,6 +127,8 @@ def test_every_block_runs(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert {language for language, _, _ in blocks} <= LANGUAGES
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path))
+    # No block of Python ends by Ctrl-C.
+    closed_at_once(monkeypatch, by_key=False)
     page_ = Page(tmp_path)
     for language, title, body in blocks:
         assert title or language not in ("yaml", "toml")
