@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import re
 import sys
 import threading
 from pathlib import Path
@@ -241,3 +242,27 @@ def test_a_host_of_a_scene_keeps_it_over_a_change(tree: np.ndarray) -> None:
     host.reset()
     host.change({"scene.voxel": 0.08})
     assert len(host.push({"cloud": tree}, 1, "map"))
+
+
+def test_the_documented_parameters_are_those_of_the_node() -> None:
+    from mdcs_pipeline.nodes.ros.settings import OF_CONFIGURED, OF_PROCESS, NodeSettings
+
+    page = (Path(__file__).parent.parent / "docs" / "ros2.md").read_text(encoding="utf-8")
+    table = page.partition("| parameter |")[2].partition("\n\n")[0]
+    found: dict[str, tuple[str, str]] = {}
+    for names, defaults, _, when in re.findall(
+        r"^\| (`.*?) \| (.*?) \| (.*?) \| (.*?) \|$", table, re.M
+    ):
+        pairs = zip(names.split(", "), defaults.split(", "), strict=True)
+        found |= {name.strip("`"): (default.strip("`"), when) for name, default in pairs}
+    assert sorted(found) == sorted(NodeSettings.model_fields)
+    for name, (told, when) in found.items():
+        default = NodeSettings.model_fields[name].default
+        said = (
+            {"true": True, "false": False, "none": ""}.get(told, told)
+            if name != "pose_type"
+            else told
+        )
+        assert said == default or float(told) == default
+        fixed = "start" if name in OF_PROCESS else "before configuring"
+        assert when == (fixed if name in (*OF_PROCESS, *OF_CONFIGURED) else "any time")

@@ -11,7 +11,7 @@ import pytest
 
 if importlib.util.find_spec("dora") is None:
     # Told as skipped by test_dora_skipped.py.
-    collect_ignore = ["test_dora.py"]
+    collect_ignore = ["test_dora.py", "test_documented_flows.py"]
 
 
 @pytest.fixture(autouse=True)

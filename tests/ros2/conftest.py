@@ -12,6 +12,7 @@ HAVE_ROS = importlib.util.find_spec("rclpy") is not None
 if not HAVE_ROS:
     # Told as skipped by the tests themselves; what they import is not there.
     collect_ignore = [
+        "test_documented.py",
         "test_node.py",
         "test_parameters.py",
         "test_hosts.py",
