@@ -15,13 +15,16 @@ PAGES = ("README.md", "docs/dora.md")
 
 
 def commands() -> list[list[str]]:
-    """Return every line that exports or runs a flow, by words, without where it is installed."""
+    """Return every line that exports or runs a flow, without where the program is installed."""
     found = []
     for page in PAGES:
         text = (ROOT / page).read_text().replace("\\\n", " ")
         for block in re.findall(r"^```\w*\n(.*?)^```$", text, flags=re.DOTALL | re.MULTILINE):
-            lines = [shlex.split(line, comments=True) for line in block.splitlines()]
-            found += [[Path(words[0]).name, *words[1:]] for words in lines if words]
+            typed = [
+                line for line in block.splitlines() if re.match(r"(\w+/bin/)?(mdcs|dora) ", line)
+            ]
+            lines = [shlex.split(line, comments=True) for line in typed]
+            found += [[Path(words[0]).name, *words[1:]] for words in lines]
     return found
 
 

@@ -25,8 +25,10 @@ def starts() -> list[list[list[str]]]:
     found = []
     for page in PAGES:
         for block in blocks(page):
-            lines = [shlex.split(line, comments=True) for line in block.splitlines()]
-            nodes = [words[1:] for words in lines if words and words[0].endswith("mdcs-ros2")]
+            typed = [
+                line for line in block.splitlines() if re.match(r"(\w+/bin/)?mdcs-ros2 ", line)
+            ]
+            nodes = [shlex.split(line, comments=True)[1:] for line in typed]
             found += [nodes] if nodes else []
     return found
 
