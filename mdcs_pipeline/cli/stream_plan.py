@@ -7,8 +7,9 @@ import sys
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from mdcs_pipeline.cli.common import check_folder, check_output
 from mdcs_pipeline.cli.outputs import check_extra
@@ -17,11 +18,18 @@ from mdcs_pipeline.frames import Frame
 from mdcs_pipeline.io.frame_folder import FolderFrames, piped_frames
 from mdcs_pipeline.io.write import SKELETON_SUFFIXES
 
+if TYPE_CHECKING:
+    from mdcs_pipeline.io.bags import BagFrames
+
 LINES = ".jsonl"
 
 
 class Source(Protocol):
     """Frames that can be read from any one on."""
+
+    @property
+    def skipped(self) -> int:
+        """How many clouds were left out so far, as they have no pose."""
 
     def since(self, first: int) -> Iterator[Frame]:
         """Iterate from the frame of number `first`, counted from 0."""
@@ -30,6 +38,8 @@ class Source(Protocol):
 class Pipe:
     """Frames from standard input; those before a break are gone and will not be sent again."""
 
+    skipped = 0
+
     def __init__(self, frame_id: str) -> None:
         self._frame_id = frame_id
 
@@ -37,6 +47,26 @@ class Pipe:
         """Iterate over what comes, whatever was there before."""
         del first
         return piped_frames(sys.stdin.buffer, self._frame_id)
+
+
+class PosedBag:
+    """The clouds of a bag that have a pose, in the frame of the poses.
+
+    They are counted without the others: who goes on behind the tenth has taken ten.
+    """
+
+    def __init__(self, frames: BagFrames) -> None:
+        self._frames = frames
+
+    @property
+    def skipped(self) -> int:
+        """How many clouds were left out so far, as they have no pose."""
+        return self._frames.skipped
+
+    def since(self, first: int) -> Iterator[Frame]:
+        """Iterate from the frame of number `first`, counted from 0."""
+        for frame in islice(self._frames.since(0), first, None):
+            yield frame._replace(frame_id=self._frames.pose_frame)
 
 
 def open_source(
@@ -60,7 +90,10 @@ def open_source(
 def _bag(path: Path, topic: str | None, poses: str | None) -> Source | None:
     from mdcs_pipeline.io.bags import BagFrames, is_bag
 
-    return BagFrames(path, topic, poses=poses) if is_bag(path) else None
+    if not is_bag(path):
+        return None
+    frames = BagFrames(path, topic, poses=poses)
+    return frames if poses is None else PosedBag(frames)
 
 
 @dataclass(frozen=True)

@@ -152,12 +152,12 @@ class Job:
         """Return what the run did, fit for JSON."""
         counts = dict(self.stream.counts)
         dropped = dict(self.stream.dropped)
-        if self.overload:
-            dropped["overload"] = self.overload
+        elsewhere = {"overload": self.overload, "no pose": self.frames.skipped}
+        dropped |= {why: count for why, count in elsewhere.items() if count}
         frames = {
-            "received": counts["received"] + self.overload,
+            "received": counts["received"] + sum(elsewhere.values()),
             "used": counts["used"],
-            "dropped": counts["dropped"] + self.overload,
+            "dropped": counts["dropped"] + sum(elsewhere.values()),
             "why": dropped,
         }
         seconds = sorted(self.seconds)

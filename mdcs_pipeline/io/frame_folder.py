@@ -38,6 +38,9 @@ class FolderFrames:
         If there is no cloud in the folder, or the poses cannot be read or are too few.
     """
 
+    #: Clouds that were left out: none, as there is a pose for each or there are none.
+    skipped = 0
+
     def __init__(
         self, folder: Path, poses: Path | None = None, frame_id: str = "", rate: float | None = None
     ) -> None:
