@@ -109,6 +109,16 @@ def test_the_page_ends_by_ctrl_c_and_leaves_standard_output_to_the_result(
     assert not any("Traceback" in line or "viser" in line for line in command.told)
 
 
+def test_ctrl_c_ends_a_stream_that_is_under_way(tmp_path: Path) -> None:
+    for number, points in enumerate(orbit(30)):
+        np.save(tmp_path / f"{number}.npy", points)
+    words = ["stream", "streaming", "-i", tmp_path, "--rate", "1", "--view"]
+    with running(*words, begun=True) as command:
+        code, _ = command.interrupt()
+    assert code == 130, command.told
+    assert not any("Traceback" in line for line in command.told)
+
+
 @pytest.fixture
 def page() -> Iterator[Any]:
     from mdcs_pipeline.viewer.page import LivePage

@@ -8,6 +8,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
+import yaml
 from flows import clouds, cut, dora, program, written
 
 ROOT = Path(__file__).parents[2]
@@ -41,10 +42,10 @@ def test_what_is_exported_is_a_flow(words: list[str], tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     if "--cloud" in words:
         # The camera is a node of the reader's own.
-        flow = tmp_path / "flow.yml"
-        camera = "  - id: camera\n    path: camera.py\n    outputs: [points]\n"
-        flow.write_text(flow.read_text().replace("nodes:\n", f"nodes:\n{camera}", 1))
         (tmp_path / "camera.py").write_text("")
+        flow = yaml.safe_load((tmp_path / "flow.yml").read_text())
+        flow["nodes"].append({"id": "camera", "path": "camera.py", "outputs": ["points"]})
+        (tmp_path / "flow.yml").write_text(yaml.safe_dump(flow, sort_keys=False))
     assert "wiring OK" in dora(tmp_path, "validate", "flow.yml")
     # Machines have daemons of their own: that is test_dora.py's.
     if "--frames" in words and "--machine" not in words:

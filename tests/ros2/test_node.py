@@ -254,10 +254,14 @@ def test_a_publisher_that_dies_and_returns(launch: Any, peer: Peer) -> None:
     try:
         peer.wait(lambda: len(peer.skeletons) >= 2, "skeletons of the first")
         peer.wait_status("input", lambda level, *_: level == OK, "clouds")
+        for part in ("input", "pipeline"):
+            peer.wait_status(part, lambda _, __, v: float(v["rate (Hz)"]) > 0, "a rate")
     finally:
         first.kill()
         first.wait()
     peer.wait_status("input", lambda level, *_: level == STALE, "the silence to be told")
+    for part in ("input", "pipeline"):
+        peer.wait_status(part, lambda _, __, v: float(v["rate (Hz)"]) == 0, "no rate")
     before = len(peer.skeletons)
     second = publishing()
     try:
