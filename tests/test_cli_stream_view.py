@@ -76,6 +76,7 @@ def test_every_frame_is_shown_and_can_be_made_again(
         np.testing.assert_array_equal(frame.again(usual).skeleton.nodes, frame.skeleton.nodes)
     coarse = held[-1].again(3 * usual)
     assert len(coarse.skeleton) < len(final)
+    assert coarse.points is None
     assert coarse.settings["transport"]["epsilon"] == 3 * usual
     assert "running anew, frame 4 …" in said
     assert seen[0]._server.stopped

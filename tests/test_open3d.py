@@ -193,6 +193,20 @@ def test_no_stage_that_takes_points_is_left_out() -> None:
 
 
 @pytest.mark.parametrize("make", [legacy, tensor])
+def test_a_stream_takes_clouds_as_they_are(make: Any) -> None:
+    """The stage `scene` wants time and frame beside the points; `push` puts them there."""
+    settings = {"scene.voxel_size": 0.05}
+    streams = [mdcs.Stream.from_config("streaming", **settings) for _ in range(2)]
+    points = shapes.y(3000, 0)
+    for stream, cloud in zip(streams, (make(points), points), strict=True):
+        stream.push(cloud, stamp_ns=5, frame_id="map")
+    found, wanted = (stream.skeleton() for stream in streams)
+    assert len(found)
+    assert found.header == wanted.header
+    np.testing.assert_array_equal(found.nodes, wanted.nodes)
+
+
+@pytest.mark.parametrize("make", [legacy, tensor])
 def test_points_that_are_not_finite_are_left_out_and_counted(make: Any) -> None:
     holed = np.concatenate([POINTS, [[np.nan, 0, 0]]])
     cloud = Downsample()(make(holed)).cloud

@@ -88,7 +88,9 @@ class PageScreen(Screen):
         frame = Frame(label, points)
         name = result_name(self._graph)
         if name is not None and read is not None:
-            frame = replace(frame, again=remaker(self._graph, name, frame, read))
+            # Without the cloud, of which the page keeps no more than it draws.
+            again = remaker(self._graph, name, Frame(label), read)
+            frame = replace(frame, again=again)
         self._frame = replace(frame, settings=self._graph.settings())
         self._page.show(self._frame)
 

@@ -82,10 +82,11 @@ class StreamPage(StreamScreen):
 
     def frame(self, number: int, change: SceneChange, stream: Stream, lag: float) -> None:
         """Show the map and the skeleton as this frame leaves them."""
-        # Those between were lost to overload: a replay must do without them too.
-        self._used += [False] * (number - 1 - len(self._used))
         why = change.figures.get("dropped")
-        self._used.append(why is None)
+        if self._replays:
+            # Those between were lost to overload: a replay must do without them too.
+            self._used += [False] * (number - 1 - len(self._used))
+            self._used.append(why is None)
         if why is not None:
             self._tell(f"cloud {number} dropped: {why}")
             return
@@ -122,7 +123,9 @@ class StreamPage(StreamScreen):
         frame: Frame = Frame(label, points, skeleton, stream.graph.settings())
         if self._replays:
             taken = len(self._used)
-            again = replayer(stream.graph, frame, lambda: self._taken(taken), flushed)
+            # Without the map, of which the page keeps no more than it draws.
+            bare = Frame(label)
+            again = replayer(stream.graph, bare, lambda: self._taken(taken), flushed)
             frame = replace(frame, again=again)
         self._page.show(frame, widen=scene.number == self._scene)
         if scene.number != self._scene:

@@ -68,7 +68,7 @@ def remaker(
     result : str
         Name of the skeleton among its results.
     frame : Frame
-        Whose label and cloud are kept.
+        Whose label and cloud are kept; the page needs no cloud here, it has its own.
     read : callable
         Brings the clouds of the graph's sources; called anew each time, so that the
         clouds of a long sequence need not stay in memory.
@@ -99,7 +99,7 @@ def replayer(
     graph : Graph
         Of a streaming pipeline.
     frame : Frame
-        Whose label and cloud are kept: the map does not depend on the dial.
+        Whose label and cloud are kept; the page needs no cloud here, it has its own.
     taken : callable
         Brings the frames that the stream had taken by then; called anew each time.
     flushed : bool
