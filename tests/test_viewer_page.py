@@ -159,8 +159,9 @@ def test_the_view_steps_back_from_a_scene_that_outgrows_it(server: Server) -> No
     page.show(Frame("0", POINTS), widen=True)
     near = np.array(camera.position)
     places = server.scene.things["/cloud"].points
-    page.show(Frame("1", POINTS * 1.05), widen=True)
+    page.show(Frame("1", POINTS * 0.9), widen=True)
     np.testing.assert_array_equal(camera.position, near)
+    dot = server.scene.things["/cloud"].point_size
     far = np.concatenate([POINTS, POINTS + np.array([40.0, 0, 0])])
     page.show(Frame("2", far))
     np.testing.assert_array_equal(camera.position, near)
@@ -169,11 +170,17 @@ def test_the_view_steps_back_from_a_scene_that_outgrows_it(server: Server) -> No
     middle = (far.max(axis=0) + far.min(axis=0)) / 2
     extent = np.linalg.norm(np.ptp(far, axis=0)) / np.linalg.norm(np.ptp(POINTS, axis=0))
     reach = np.linalg.norm(np.subtract(camera.position, camera.look_at))
-    assert reach == pytest.approx(extent * np.linalg.norm(near))
+    assert reach == pytest.approx(1.25 * extent * np.linalg.norm(near))
+    # Seen from there, points are as large as they were.
+    assert server.scene.things["/cloud"].point_size == pytest.approx(1.25 * extent * dot)
     scale = np.linalg.norm(np.ptp(places, axis=0)) / np.linalg.norm(np.ptp(POINTS, axis=0))
     first = (POINTS.max(axis=0) + POINTS.min(axis=0)) / 2
     np.testing.assert_allclose(camera.look_at, (middle - first) * scale, atol=1e-6)
     np.testing.assert_allclose(server.scene.things["/cloud"].points[:200], places, atol=1e-5)
+    # There is room to grow on.
+    stood = np.array(camera.position)
+    page.show(Frame("a little more", far + np.array([0.5, 0, 0])), widen=True)
+    np.testing.assert_array_equal(camera.position, stood)
     # Who has moved is left alone.
     camera.position = stood = np.array([1.0, 2.0, 3.0])
     page.show(Frame("4", far * 10), widen=True)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,8 +25,8 @@ COLOURINGS: tuple[Colouring, ...] = ("mass", "branch", "radius")
 SIZE = 10.0
 _FIELD = np.deg2rad(45.0)
 _DISTANCE = 1.25
-# By so much a scene may outgrow the page before the view steps back.
-_OUTGROWN = 1.1
+# A scene that has outgrown the page gets room to grow on, so that the view seldom steps back.
+_ROOM = 1.25
 # Up to so many points are drawn in the size that was asked for.
 _FEW = 6000
 # Seen a little from the side and from above, as on the HTML page.
@@ -79,6 +80,30 @@ def space_of(frame: Frame) -> Space | None:
     return Space(scene.centre, SIZE / scene.size, axes)
 
 
+class View(NamedTuple):
+    """Where one who looks at the page stands, in its units.
+
+    Attributes
+    ----------
+    centre, position, up : (3,) float64
+        What is looked at, from where, and with which way up.
+    size : float
+        Diameter of what can be seen about the centre.
+    """
+
+    centre: NDArray[np.float64]
+    position: NDArray[np.float64]
+    up: NDArray[np.float64]
+    size: float
+
+
+def view_of(centre: NDArray[np.float64], size: float, axes: NDArray[np.float64]) -> View:
+    """Return the view in which `size` about `centre` fills the page, with axes of `view_axes`."""
+    right, away, up = axes
+    way = _ASIDE * right + _ABOVE * up - away
+    return View(centre, centre + way / np.linalg.norm(way) * size * _DISTANCE, up, size)
+
+
 def colours_of(skeleton: Skeleton, colouring: Colouring) -> tuple[Colours, Colours]:
     """Return (K, 3) colours of the nodes and (E, 2, 3) colours of both halves of the edges."""
     edges = skeleton.edges
@@ -105,12 +130,12 @@ def ball_radii(skeleton: Skeleton, tube: float) -> NDArray[np.float64]:
     return radii
 
 
-def point_size(count: int, percent: float) -> float:
-    """Return how large each of `count` points is drawn, in units of the page.
+def point_size(count: int, percent: float, size: float = SIZE) -> float:
+    """Return how large each of `count` points is drawn where so much is seen, in the page's unit.
 
     Many are drawn smaller, so that they cover no more of what lies inside than few do.
     """
-    return percent / 100 * SIZE * math.sqrt(_FEW / max(count, _FEW))
+    return percent / 100 * size * math.sqrt(_FEW / max(count, _FEW))
 
 
 class Drawing:
@@ -124,7 +149,11 @@ class Drawing:
         server.scene.add_light_ambient("/light", intensity=1.6)
         self._meshes = (unit_tube(), unit_ball())
         self._space: Space | None = None
-        self._view: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
+        self._view: View | None = None
+
+    @property
+    def _size(self) -> float:
+        return SIZE if self._view is None else self._view.size
 
     def draw(self, frame: Frame, look: Look) -> None:
         """Show `frame` instead of what was there."""
@@ -143,40 +172,36 @@ class Drawing:
         if space is None:
             return
         self._space = space
-        self._server.scene.set_up_direction(tuple(space.axes[2]))
-        self._place(np.zeros(3), SIZE, list(self._server.get_clients().values()))
+        self._look_from(view_of(np.zeros(3), SIZE, space.axes), self._server.get_clients().values())
 
     def widen(self, frame: Frame) -> None:
         """Let those see all of `frame` who look from where they were put, if it is too large.
 
-        Who has turned or come nearer stays there, and the things stand where they stood.
+        Who has turned or come nearer stays there, and all things stand where they stood.
         """
         if self._space is None or self._view is None:
             return
         scene = make_scene(*_shape(frame))
-        position, looked = self._view
         centre, size = self._space.to_page(scene.centre[None])[0], scene.size * self._space.scale
-        reach = size + 2 * float(np.linalg.norm(centre - looked))
-        if reach * _DISTANCE <= _OUTGROWN * float(np.linalg.norm(position - looked)):
+        if size + 2 * float(np.linalg.norm(centre - self._view.centre)) <= self._view.size:
             return
+        place = self._view.position
         clients = self._server.get_clients().values()
-        still = [c for c in clients if np.allclose(c.camera.position, position, atol=1e-3 * SIZE)]
-        self._place(centre, size, still)
+        still = [c for c in clients if np.allclose(c.camera.position, place, atol=1e-3 * SIZE)]
+        axes = view_axes(scene.cloud if len(scene.cloud) else scene.nodes)
+        self._look_from(view_of(centre, _ROOM * size, axes), still)
 
-    def _place(self, centre: NDArray[np.float64], size: float, clients: list[Any]) -> None:
-        """Look at `centre` from where `size` fills the page: `clients`, and who comes later."""
-        assert self._space is not None
-        right, away, up = self._space.axes
-        way = _ASIDE * right + _ABOVE * up - away
-        position = centre + way / np.linalg.norm(way) * size * _DISTANCE
-        self._view = position, centre
-        first = self._server.initial_camera
-        first.fov, first.position, first.look_at = _FIELD, position, centre
+    def _look_from(self, view: View, clients: Iterable[Any]) -> None:
+        """Put `clients` there, and who comes later."""
+        self._view = view
+        scene, first = self._server.scene, self._server.initial_camera
+        scene.set_up_direction(tuple(view.up))
+        first.fov, first.position, first.look_at = _FIELD, view.position, view.centre
         for client in clients:
             with client.atomic():
-                client.camera.up_direction = up
-                client.camera.position = position
-                client.camera.look_at = centre
+                client.camera.up_direction = view.up
+                client.camera.position = view.position
+                client.camera.look_at = view.centre
 
     def _draw_cloud(self, points: FloatArray | None, space: Space, look: Look) -> None:
         held = np.empty((0, 3)) if points is None else space.to_page(points)
@@ -184,7 +209,7 @@ class Drawing:
             "/cloud",
             held.astype(np.float32),
             _rgb(CLOUD_COLOUR),
-            point_size=point_size(len(held), look.point),
+            point_size=point_size(len(held), look.point, self._size),
             point_shape="circle",
             point_shading="flat",
             precision="float32",
@@ -199,7 +224,7 @@ class Drawing:
             return
         nodes = space.to_page(skeleton.nodes)
         of_nodes, of_edges = colours_of(skeleton, look.colouring)
-        radius = look.tube / 100 * SIZE
+        radius = look.tube / 100 * self._size
         self._add("/skeleton/edges", tube, tube_copies(nodes, skeleton.edges, of_edges, radius))
         balls = ball_copies(nodes, of_nodes, ball_radii(skeleton, radius))
         self._add("/skeleton/nodes", ball, balls)

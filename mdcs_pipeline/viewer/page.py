@@ -207,9 +207,9 @@ class LivePage:
     def _draw(self, widen: bool = False) -> None:
         frame = self._film.shown()
         if frame is not None:
-            self._drawing.draw(frame, self._panel.look)
             if widen:
                 self._drawing.widen(frame)
+            self._drawing.draw(frame, self._panel.look)
             self._panel.refresh(self._film)
 
     def _redraw(self) -> None:
