@@ -34,6 +34,7 @@ from peer import (
     stamp,
     start,
 )
+from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from sensor_msgs.msg import PointCloud2, PointField
 from visualization_msgs.msg import Marker
 
@@ -286,6 +287,27 @@ def test_a_best_effort_publisher_is_heard_too(launch: Any, peer: Peer) -> None:
         return bool(peer.skeletons)
 
     peer.wait(heard, "a skeleton")
+
+
+def test_what_was_latched_before_it_came_is_heard_if_asked_for(launch: Any, peer: Peer) -> None:
+    sensor = peer.node.create_publisher(PointCloud2, "cloud", LATCHED)
+    sensor.publish(cloud_of(cross(), 3))
+    active(launch, "-p", "qos_durability:=transient_local", "-p", "qos_reliability:=reliable")
+    peer.wait(lambda: peer.skeletons, "a skeleton of what was latched")
+    (asked,) = peer.node.get_subscriptions_info_by_topic("/cloud")
+    assert asked.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
+    assert asked.qos_profile.reliability == ReliabilityPolicy.RELIABLE
+
+
+def test_best_effort_is_asked_for_if_set(launch: Any, peer: Peer) -> None:
+    active(launch, "-p", "qos_reliability:=best_effort")
+    (asked,) = peer.wait(
+        lambda: peer.node.get_subscriptions_info_by_topic("/cloud"), "the subscription"
+    )
+    assert asked.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
+    assert asked.qos_profile.durability == DurabilityPolicy.VOLATILE
+    peer.publisher().publish(cloud_of(cross(), 3))
+    peer.wait(lambda: peer.skeletons, "a skeleton")
 
 
 TURN = (0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5))
