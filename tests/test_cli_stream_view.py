@@ -116,7 +116,7 @@ def test_a_pause_holds_a_folder_up(
     thread.join(1.0)
     assert thread.is_alive()
     assert len(user.page._film) == 2
-    assert any("no more frames are read" in text for text in said)
+    assert said[-1] == "paused: no more frames are read until it plays"
     press(user.page, "Pause")
     thread.join(120)
     assert given.result.exit_code == 0, given.result.stderr

@@ -106,12 +106,12 @@ class StreamPage(StreamScreen):
         stay(self._page, self._quiet)
 
     def _tell(self, text: str) -> None:
-        if self._page.paused:
-            self._page.say("paused: the stream goes on, this picture stays", hurry=True)
-        else:
-            from mdcs_pipeline.viewer.texts import plain
+        from mdcs_pipeline.viewer.texts import plain
 
+        if not self._page.paused:
             self._page.say(plain(text))
+        elif not self._waits:
+            self._page.say("paused: the stream goes on, this picture stays", hurry=True)
 
     def _show(self, label: str, stream: Stream, flushed: bool = False) -> None:
         from mdcs_pipeline.viewer.film import Frame
