@@ -19,8 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from mdcs_pipeline.kernels.compiled.grid import covering, grid_of, scattered
+from mdcs_pipeline.kernels.compiled.grid import Grid, covering, grid_of, near_any, scattered
 from mdcs_pipeline.kernels.compiled.tangent import (
+    RING,
     bends,
     medians_alike,
     patch_planes,
@@ -163,11 +164,13 @@ def _balls(
     first, reach = radius[order], rule.patch * radius[order]
     links = graph[order][:, order]
     fitted = level = grid
+    patches = raw, heights, spreads, widths, bend = _unfitted(reach)
+    changed = np.ones(len(order), dtype=bool)
     for _ in range(rule.passes):
-        normals, heights, spreads, widths = patch_planes(fitted, mass[order], reach, _LEAST)
-        said = _outwards(normals, bends(fitted, normals, first), links)
+        _fit(fitted, mass[order], reach, first, changed, patches)
+        said = _outwards(raw, bend, links)
         side = np.where(said < 0.0, -1.0, 1.0)
-        normals *= side[:, None]
+        normals = raw * side[:, None]
         if fitted is grid:
             lines = spreads[:, 1] < _LINE * widths
         # A disc of radius ρ on a tube has its mean ρ²/8r under its top, and spreads as much.
@@ -180,8 +183,11 @@ def _balls(
         if not again.any():
             break
         # What is smooth would only lose its shape.
-        fitted = grid._replace(points=np.where(again[:, None], level.points, fitted.points))
-    ball = tangent_radii(level, normals, rule.widest * first, rule.apart, rule.pierced)
+        settled = fitted.points
+        fitted = grid._replace(points=np.where(again[:, None], level.points, settled))
+        changed = (fitted.points != settled).any(axis=1)
+    apart = float(np.sqrt(((level.points - grid.points) ** 2).sum(axis=1).max()))
+    ball = tangent_radii(level, normals, rule.widest * first, rule.apart, rule.pierced, apart)
     ball = medians_alike(grid, normals, reach, ball, _ALIKE)
     places = level.points - ball[:, None] * normals
     grown = widths > reach
@@ -201,6 +207,28 @@ def _balls(
         scattered(grid, trust),
         scattered(grid, normals),
     )
+
+
+def _unfitted(reach: FloatArray) -> tuple[FloatArray, ...]:
+    """Return room for normals, heights, spreads, widths and bends of as many patches."""
+    n = len(reach)
+    return np.zeros((n, 3)), np.zeros(n), np.zeros((n, 2)), reach.copy(), np.zeros(n)
+
+
+def _fit(
+    grid: Grid,
+    mass: FloatArray,
+    reach: FloatArray,
+    radius: FloatArray,
+    changed: NDArray[np.bool_],
+    patches: tuple[FloatArray, ...],
+) -> None:
+    """Fit the patches again that any changed point may be in."""
+    normals, heights, spreads, widths, bend = patches
+    which = np.flatnonzero(near_any(grid, np.maximum(widths, RING * radius), changed))
+    made = patch_planes(grid, mass, reach, _LEAST, which)
+    normals[which], heights[which], spreads[which], widths[which] = made
+    bend[which] = bends(grid, normals, radius, which)
 
 
 def _outwards(normals: FloatArray, bend: FloatArray, graph: sparse.csr_array) -> FloatArray:

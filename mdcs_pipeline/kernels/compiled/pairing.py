@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numba import njit
 
@@ -17,7 +19,7 @@ def near_pairs(
     fixed: BoolArray,
     spacing: float,
 ) -> tuple[IntArray, FloatArray]:
-    """Return the pairs with |x_i − x_k| / (min(r_i, r_k) max(w_i, w_k)) < `spacing`, and that ratio.
+    """Return the pairs with |x_i − x_k| / (min(r_i, r_k) max(w_i, w_k)) < `spacing`, and this.
 
     Parameters
     ----------
@@ -68,7 +70,7 @@ def near_pairs(
 
 
 @njit(cache=True, nogil=True)
-def _before(pairs: IntArray, ratio: FloatArray, a: int, b: int) -> bool:
+def _before(pairs: IntArray, ratio: FloatArray, a: Any, b: Any) -> bool:
     """Whether pair a is closer than pair b, or as close and named before it."""
     if ratio[a] != ratio[b]:
         return bool(ratio[a] < ratio[b])

@@ -8,45 +8,63 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from mdcs_pipeline.kernels.compiled.grid import Grid, within
+from mdcs_pipeline.kernels.compiled.grid import Grid, row_of, span_of, within
+from mdcs_pipeline.kernels.compiled.symmetric import principal
 from mdcs_pipeline.kernels.compiled.types import FloatArray, IntArray
 
 # The ring in which the surface's bend shows, in local radii.
-_INNER, _OUTER = 0.4, 1.2
+_INNER, RING = 0.4, 1.2
 # A point at distance l stands l²/2r above or below a limb's surface; much more is another limb.
 _STEEPEST = 0.7
 # A patch of too few points grows by quarters, this often at most.
 _GROWTHS = 8
 # Fewer places than this lie on a line by chance.
 _TELLING = 4
+# A ball that was guessed too small grows by this.
+_SWELL = 1.5
 
 
 @njit(cache=True, nogil=True)
 def _moments(
-    points: FloatArray, mass: FloatArray, near: IntArray, origin: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return the mean, from an origin, and the covariance of some of the points."""
-    total, mean = 0.0, np.zeros(3)
+    points: FloatArray,
+    mass: FloatArray,
+    near: IntArray,
+    origin: FloatArray,
+    mean: FloatArray,
+    moments: FloatArray,
+) -> None:
+    """Write the mean, from an origin, and the covariance of some of the points."""
+    total, m0, m1, m2 = 0.0, 0.0, 0.0, 0.0
     for k in near:
-        total += mass[k]
-        for a in range(3):
-            mean[a] += mass[k] * (points[k, a] - origin[a])
-    mean /= total
-    moments, offset = np.zeros((3, 3)), np.empty(3)
+        w = mass[k]
+        total += w
+        m0 += w * (points[k, 0] - origin[0])
+        m1 += w * (points[k, 1] - origin[1])
+        m2 += w * (points[k, 2] - origin[2])
+    share = 1.0 / total
+    mean[0], mean[1], mean[2] = m0 * share, m1 * share, m2 * share
+    c0, c1, c2 = origin[0] + mean[0], origin[1] + mean[1], origin[2] + mean[2]
+    xx, xy, xz, yy, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for k in near:
-        for a in range(3):
-            offset[a] = points[k, a] - origin[a] - mean[a]
-        for a in range(3):
-            for b in range(3):
-                moments[a, b] += mass[k] / total * offset[a] * offset[b]
-    return mean, moments
+        w = mass[k] * share
+        x, y, z = points[k, 0] - c0, points[k, 1] - c1, points[k, 2] - c2
+        xx += w * x * x
+        xy += w * x * y
+        xz += w * x * z
+        yy += w * y * y
+        yz += w * y * z
+        zz += w * z * z
+    moments[0, 0], moments[1, 1], moments[2, 2] = xx, yy, zz
+    moments[0, 1] = moments[1, 0] = xy
+    moments[0, 2] = moments[2, 0] = xz
+    moments[1, 2] = moments[2, 1] = yz
 
 
 @njit(cache=True, nogil=True)
 def patch_planes(
-    grid: Grid, mass: FloatArray, reach: FloatArray, least: int
+    grid: Grid, mass: FloatArray, reach: FloatArray, least: int, which: IntArray | None = None
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return normal, height above the middle, spread and width of each point's patch.
+    """Return normal, height above the middle, spread and width of points' patches.
 
     Parameters
     ----------
@@ -56,78 +74,91 @@ def patch_planes(
         Radius of each patch.
     least : int
         Points of a patch at least: where there are fewer it grows, up to six times.
+    which : (k,) int64, optional
+        The points that are asked for; all when absent.
 
     Returns
     -------
-    normals : (n, 3) float64
+    normals : (k, 3) float64
         Unit; their signs mean nothing.
-    heights : (n,) float64
+    heights : (k,) float64
         Of the point above the plane of its patch, along the normal.
-    spreads : (n, 2) float64
+    spreads : (k, 2) float64
         Standard deviation of the patch along the normal, and along its next thinnest direction.
-    widths : (n,) float64
+    widths : (k,) float64
         Radius of the patch.
     """
     n = len(grid.points)
-    normals, heights, spreads, widths = (
-        np.zeros((n, 3)),
-        np.zeros(n),
-        np.zeros((n, 2)),
-        reach.copy(),
-    )
+    asked = np.arange(n) if which is None else which
+    count = len(asked)
+    normals, heights = np.zeros((count, 3)), np.zeros(count)
+    spreads, widths = np.zeros((count, 2)), np.zeros(count)
     found = np.empty(n, np.int64)
-    for i in range(n):
-        here, wide = grid.points[i], reach[i]
-        count = within(grid, here, wide, found)
+    mean, moments, values, vectors = np.empty(3), np.empty((3, 3)), np.empty(3), np.empty((3, 3))
+    for at in range(count):
+        here, wide = grid.points[asked[at]], reach[asked[at]]
+        near = within(grid, here, wide, found)
         for _ in range(_GROWTHS):
-            if count >= min(least, n):
+            if near >= min(least, n):
                 break
             wide *= 1.25
-            count = within(grid, here, wide, found)
-        mean, moments = _moments(grid.points, mass, found[:count], here)
-        values, vectors = np.linalg.eigh(moments)
-        normals[i] = vectors[:, 0]
-        heights[i] = -np.dot(mean, vectors[:, 0])
+            near = within(grid, here, wide, found)
+        _moments(grid.points, mass, found[:near], here, mean, moments)
+        principal(moments, values, vectors)
+        for a in range(3):
+            normals[at, a] = vectors[a, 0]
+            heights[at] -= mean[a] * vectors[a, 0]
         for a in range(2):
-            spreads[i, a] = np.sqrt(max(values[a], 0.0))
-        widths[i] = wide
+            spreads[at, a] = np.sqrt(max(values[a], 0.0))
+        widths[at] = wide
     return normals, heights, spreads, widths
 
 
 @njit(cache=True, nogil=True)
-def bends(grid: Grid, normals: FloatArray, radius: FloatArray) -> FloatArray:
-    """Return how far the surface around each point falls away from its normal, in radii.
+def bends(
+    grid: Grid, normals: FloatArray, radius: FloatArray, which: IntArray | None = None
+) -> FloatArray:
+    """Return how far the surface around points falls away from their normals, in radii.
 
     The mean over a ring about as wide as the limb: positive where the normal points outwards,
-    for a limb bends around itself more than it bends along.
+    for a limb bends around itself more than it bends along. For all points, or `which`.
     """
     n = len(grid.points)
-    result, found = np.zeros(n), np.empty(n, np.int64)
-    for i in range(n):
-        here = grid.points[i]
-        inner, total, count = (_INNER * radius[i]) ** 2, 0.0, 0
-        for k in found[: within(grid, here, _OUTER * radius[i], found)]:
-            away, height = 0.0, 0.0
-            for a in range(3):
-                step = grid.points[k, a] - here[a]
-                away += step * step
-                height += step * normals[i, a]
-            if away > inner and abs(height) <= _STEEPEST * away / radius[i]:
+    asked = np.arange(n) if which is None else which
+    result, found = np.zeros(len(asked)), np.empty(n, np.int64)
+    points = grid.points
+    for at in range(len(asked)):
+        i = asked[at]
+        here, normal, r = points[i], normals[i], radius[i]
+        inner, total, count = (_INNER * r) ** 2, 0.0, 0
+        for k in found[: within(grid, here, RING * r, found)]:
+            x, y, z = points[k, 0] - here[0], points[k, 1] - here[1], points[k, 2] - here[2]
+            away = x * x + y * y + z * z
+            height = x * normal[0] + y * normal[1] + z * normal[2]
+            if away > inner and abs(height) <= _STEEPEST * away / r:
                 total -= height
                 count += 1
-        result[i] = total / (radius[i] * max(count, 1))
+        result[at] = total / (r * max(count, 1))
     return result
 
 
 @njit(cache=True, nogil=True)
 def tangent_radii(
-    grid: Grid, normals: FloatArray, most: FloatArray, apart: float, pierced: int
+    grid: Grid,
+    normals: FloatArray,
+    most: FloatArray,
+    apart: float,
+    pierced: int,
+    moved: float = 0.0,
 ) -> FloatArray:
     """Return the radius of the largest ball inside that touches the surface at each point.
 
     The ball lies on the side that the normal turns away from. Only points that are seen from
     its centre at more than `apart` radians from where it touches limit it: what is nearer says
     how rough the sampling is.
+
+    A ball is guessed and what lies in it is looked at: if that are enough points, the ball
+    that they leave is the one that is sought; otherwise the guess was too small.
 
     Parameters
     ----------
@@ -139,39 +170,124 @@ def tangent_radii(
     apart : float
     pierced : int
         Points that may lie inside: the smallest balls of all are those of noise.
+    moved : float
+        How far a point may be from the place that it has its cell by.
 
     Returns
     -------
     (n,) float64
     """
     n = len(grid.points)
-    result, found, least = most.copy(), np.empty(n, np.int64), np.empty(pierced + 1)
+    result, least = most.copy(), np.empty(pierced + 1)
     limit = 2.0 * (1.0 - np.cos(apart))
+    guess = grid.size
     for i in range(n):
-        here, reach = grid.points[i], 2.0 * grid.size
+        size = min(guess, most[i])
         while True:
-            least[:] = most[i]
-            # Through a point at distance l goes no ball smaller than l/2.
-            reach = min(reach, 2.0 * most[i])
-            for k in found[: within(grid, here, reach, found)]:
-                away, depth = 0.0, 0.0
-                for a in range(3):
-                    step = grid.points[k, a] - here[a]
-                    away += step * step
-                    depth -= step * normals[i, a]
-                if depth > 0.0:
-                    radius = away / (2.0 * depth)
-                    if radius < least[pierced] and away > limit * radius * radius:
-                        at = pierced
-                        while at > 0 and least[at - 1] > radius:
-                            least[at] = least[at - 1]
-                            at -= 1
-                        least[at] = radius
-            if reach >= 2.0 * least[pierced]:
+            least[:] = size
+            _limit_ball(grid, i, normals[i], size, limit, moved, least)
+            if least[pierced] < size or size >= most[i]:
                 break
-            reach *= 1.5
+            size = min(_SWELL * size, most[i])
         result[i] = least[pierced]
+        # Neighbours in the grid's order lie on the same limb, mostly.
+        guess = 1.1 * least[pierced]
     return result
+
+
+@njit(cache=True, nogil=True)
+def _limit_ball(
+    grid: Grid,
+    i: int,
+    normal: FloatArray,
+    size: float,
+    limit: float,
+    moved: float,
+    least: FloatArray,
+) -> None:
+    """Lower `least`, rising, to the radii of the balls on which points within this one lie."""
+    here = grid.points[i]
+    c0, c1, c2 = here[0] - size * normal[0], here[1] - size * normal[1], here[2] - size * normal[2]
+    wide = size * (1.0 + 1e-9) + moved
+    x = span_of(grid, 0, c0 - wide, c0 + wide)
+    y = span_of(grid, 1, c1 - wide, c1 + wide)
+    if (x[1] - x[0] + 1) * (y[1] - y[0] + 1) > len(grid.points):
+        _limit_by(grid.points, here, normal, (0, len(grid.points)), limit, least)
+        return
+    edge = grid.size
+    for a in range(x[0], x[1] + 1):
+        low = grid.low[0] + a * edge
+        off = max(low - c0, c0 - low - edge, 0.0)
+        left = wide * wide - off * off
+        for b in range(y[0], y[1] + 1):
+            low = grid.low[1] + b * edge
+            off = max(low - c1, c1 - low - edge, 0.0)
+            half = np.sqrt(max(left - off * off, 0.0)) + 1e-9 * wide
+            z = span_of(grid, 2, c2 - half, c2 + half)
+            if z[0] <= z[1]:
+                rows = row_of(grid, a, b, z[0], z[1])
+                _limit_by(grid.points, here, normal, rows, limit, least)
+
+
+@njit(cache=True, nogil=True)
+def _limit_by(
+    points: FloatArray,
+    here: FloatArray,
+    normal: FloatArray,
+    rows: tuple[int, int],
+    limit: float,
+    least: FloatArray,
+) -> None:
+    """Lower `least` by a slice of the points."""
+    h0, h1, h2 = here[0], here[1], here[2]
+    n0, n1, n2 = normal[0], normal[1], normal[2]
+    last = len(least) - 1
+    # Twice the bound, and a little more: round-off must not lose a point.
+    bound = 2.0 * least[last] * (1.0 + 1e-12)
+    for k in range(rows[0], rows[1]):
+        x, y, z = points[k, 0] - h0, points[k, 1] - h1, points[k, 2] - h2
+        away = x * x + y * y + z * z
+        depth = -(x * n0 + y * n1 + z * n2)
+        if away >= bound * depth:
+            continue
+        radius = away / (2.0 * depth)
+        if radius < least[last] and away > limit * radius * radius:
+            at = last
+            while at > 0 and least[at - 1] > radius:
+                least[at] = least[at - 1]
+                at -= 1
+            least[at] = radius
+            bound = 2.0 * least[last] * (1.0 + 1e-12)
+
+
+@njit(cache=True, nogil=True)
+def _median(values: FloatArray, count: int) -> float:
+    """Return the median of the first `count` values, which are put out of order."""
+    middle = count // 2
+    low, high = 0, count - 1
+    while low < high:
+        pivot = values[(low + high) // 2]
+        i, j = low, high
+        while i <= j:
+            while values[i] < pivot:
+                i += 1
+            while values[j] > pivot:
+                j -= 1
+            if i <= j:
+                values[i], values[j] = values[j], values[i]
+                i += 1
+                j -= 1
+        if middle <= j:
+            high = j
+        elif middle >= i:
+            low = i
+        else:
+            break
+    upper: float = values[middle]
+    if count % 2 == 1:
+        return upper
+    lower: float = values[:middle].max()
+    return (lower + upper) / 2.0
 
 
 @njit(cache=True, nogil=True)
@@ -183,11 +299,13 @@ def medians_alike(
     result, found, held = np.empty(n), np.empty(n, np.int64), np.empty(n)
     for i in range(n):
         held[0], count = values[i], 1
+        n0, n1, n2 = normals[i, 0], normals[i, 1], normals[i, 2]
         for k in found[: within(grid, grid.points[i], reach[i], found)]:
-            if k != i and np.dot(normals[i], normals[k]) > cosine:
-                held[count] = values[k]
-                count += 1
-        result[i] = np.median(held[:count])
+            if k == i:
+                continue
+            held[count] = values[k]
+            count += n0 * normals[k, 0] + n1 * normals[k, 1] + n2 * normals[k, 2] > cosine
+        result[i] = _median(held, count)
     return result
 
 
@@ -208,10 +326,12 @@ def scatters(grid: Grid, reach: FloatArray, places: FloatArray) -> FloatArray:
         Root mean square distance; infinite where a patch has too few points to tell.
     """
     n = len(places)
-    result, found, even = np.empty(n), np.empty(n, np.int64), np.ones(n)
+    result, found, even = np.full(n, np.inf), np.empty(n, np.int64), np.ones(n)
+    mean, moments, values, vectors = np.empty(3), np.empty((3, 3)), np.empty(3), np.empty((3, 3))
     for i in range(n):
         count = within(grid, grid.points[i], reach[i], found)
-        _, moments = _moments(places, even, found[:count], places[i])
-        values = np.linalg.eigvalsh(moments)
-        result[i] = np.sqrt(max(values[0] + values[1], 0.0)) if count >= _TELLING else np.inf
+        if count >= _TELLING:
+            _moments(places, even, found[:count], places[i], mean, moments)
+            principal(moments, values, vectors)
+            result[i] = np.sqrt(max(values[0] + values[1], 0.0))
     return result
