@@ -22,7 +22,7 @@ from mdcs_pipeline.kernels.density import area_mass, neighbour_radius
 from mdcs_pipeline.kernels.nearest import nearest
 from mdcs_pipeline.kernels.outliers import lonely_points, roundness
 from mdcs_pipeline.kernels.seeding import random_points, spread_points
-from mdcs_pipeline.kernels.surface import averaged, islands, normals, surface_graph
+from mdcs_pipeline.kernels.surface import averaged, islands, normals, principal_axes, surface_graph
 from mdcs_pipeline.kernels.thickness import local_radius
 from mdcs_pipeline.kernels.voxels import MAX_CELLS, voxel_means
 
@@ -218,7 +218,7 @@ def test_mass_levels_uneven_sampling():
 
 
 def lonely(points, near=2.5, sparse=2.0, far=4.0, round_from=0.1):
-    return lonely_points(points, 8, near, sparse, far, round_from)
+    return lonely_points(points, nearest(points, 8), near, sparse, far, round_from)
 
 
 def test_outliers_are_lonely_and_a_surface_is_not():
@@ -340,13 +340,13 @@ def test_points_that_coincide_are_still_linked():
 def test_islands_are_the_parts_with_little_mass():
     shape = two_bars(1000)
     points = np.concatenate([shape.points, np.random.default_rng(0).normal(5, 0.1, (12, 3))])
-    graph = surface_graph(points, 6, 0).graph
+    near = nearest(points, 6).indices
     mass = np.ones(len(points))
-    assert np.flatnonzero(islands(graph, mass, 0.02)).tolist() == list(range(1000, 1012))
-    assert not islands(graph, mass, 0.01).any()
+    assert np.flatnonzero(islands(near, mass, 0.02)).tolist() == list(range(1000, 1012))
+    assert not islands(near, mass, 0.01).any()
     mass[1000:] = 1000.0
-    assert not islands(graph, mass, 0.02)[1000:].any()
-    assert islands(graph, mass, 0.3)[:1000].all()
+    assert not islands(near, mass, 0.02)[1000:].any()
+    assert islands(near, mass, 0.3)[:1000].all()
 
 
 # ---------------------------------------------------------------------------------- thickness
@@ -565,3 +565,14 @@ def test_farthest_points_end_when_every_point_has_one_near(plain):
     assert len(found) < 80
     assert distance.min(axis=1).max() <= 0.3
     assert (distance[:, :-1].min(axis=1) > 0.3).any()
+
+
+def test_axes_of_neighbourhoods_are_those_of_their_covariance():
+    rng = np.random.default_rng(4)
+    points = rng.normal(0, 1, (60, 3)) * [3.0, 1.0, 0.2] + 50.0
+    indices = nearest(points, 7).indices
+    axes = principal_axes(points, indices)
+    for i in range(60):
+        patch = points[[i, *indices[i]]]
+        _, wanted = np.linalg.eigh(np.cov(patch.T))
+        np.testing.assert_allclose(np.abs((axes[i] * wanted).sum(axis=0)), 1.0, atol=1e-7)

@@ -13,10 +13,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
-from scipy.spatial import cKDTree
 
+from mdcs_pipeline.kernels.compiled.grid import grid_of, scattered
 from mdcs_pipeline.kernels.compiled.patches import closing_patches
 from mdcs_pipeline.kernels.compiled.spreading import spread_minimum
+from mdcs_pipeline.kernels.compiled.tangent import medians_alike
 from mdcs_pipeline.kernels.seeding import spread_points
 
 FloatArray = NDArray[np.float64]
@@ -96,11 +97,7 @@ def local_radius(
 
 def _median_within(places: FloatArray, scale: FloatArray) -> FloatArray:
     """Return, at every landmark, the median of the values within its own radius."""
-    near = cKDTree(places).query_ball_point(places, scale)
-    counts = np.array([len(indices) for indices in near])
-    values = scale[np.concatenate(near).astype(np.int64)]
-    # Sorted within each landmark; the median is the middle one, or the mean of the middle two.
-    values = values[np.lexsort((values, np.repeat(np.arange(len(near)), counts)))]
-    first = np.cumsum(counts) - counts
-    middle = 0.5 * (values[first + (counts - 1) // 2] + values[first + counts // 2])
-    return np.asarray(middle, dtype=np.float64)
+    grid = grid_of(places, float(np.median(scale)))
+    values = scale[grid.order]
+    # All face the same way.
+    return scattered(grid, medians_alike(grid, np.zeros((len(values), 3)), values, values, -1.0))
