@@ -11,9 +11,11 @@ from scipy import sparse
 from scipy.spatial.distance import cdist
 
 from mdcs_pipeline.kernels.canonical import canonical_frame
+from mdcs_pipeline.kernels.coarsening import coarsened
 from mdcs_pipeline.kernels.compiled.farthest import farthest_points
 from mdcs_pipeline.kernels.compiled.heap import heap_drop, heap_push
 from mdcs_pipeline.kernels.compiled.patches import (
+    WIDER,
     closing_patches,
     middle_eigenvalue,
 )
@@ -553,6 +555,50 @@ def test_a_patch_that_never_closes_takes_the_whole_part(plain):
     assert reach[0] == np.inf
     assert scale[0] == pytest.approx(np.sqrt(2 * np.linalg.eigvalsh(np.cov(points.T, ddof=0))[1]))
     np.testing.assert_allclose(centre[0], points.mean(axis=0), atol=1e-12)
+
+
+def test_patches_that_have_not_closed_say_so_where_wider_ones_follow():
+    rng = np.random.default_rng(0)
+    points = tube(np.linspace([0.0, 0, 0], [1, 0, 0], 41), 0.1, 3000, rng)
+    graph, mass = surface_graph(points, 8, 0).graph, random_mass(rng, 3000)
+    sources, radii = np.arange(0, 3000, 100), np.geomspace(0.05, 1.5, 30)
+    where = graph.indptr, graph.indices, graph.data, points, mass, sources
+    scale, reach, _ = closing_patches(*where, radii, 0.06)
+    for count in (8, 18, 24):
+        some, tried, _ = closing_patches(*where, radii[:count], 0.06, False)
+        early = reach <= radii[count - 1]
+        np.testing.assert_array_equal(tried[early], reach[early])
+        np.testing.assert_allclose(some[early], scale[early], rtol=1e-9)
+        assert (tried[~early] == WIDER).all()
+
+
+def test_a_coarser_graph_keeps_mass_pieces_and_the_length_of_ways():
+    shape = two_bars(6000)
+    mass = random_mass(np.random.default_rng(0), len(shape.points))
+    graph = surface_graph(shape.points, 8, 0).graph
+    spacing = float(np.median(graph.data))
+    coarse = coarsened(shape.points, mass, graph, 2 * spacing)
+    assert len(coarse.points) < len(shape.points) / 5
+    np.testing.assert_allclose(coarse.mass, np.bincount(coarse.into, mass))
+    centre = np.average(shape.points, axis=0, weights=mass)
+    np.testing.assert_allclose(np.average(coarse.points, axis=0, weights=coarse.mass), centre)
+    pieces = [sparse.csgraph.connected_components(g)[0] for g in (graph, coarse.graph)]
+    assert pieces[0] == pieces[1]
+    long = sparse.csgraph.dijkstra(graph, indices=[5, 700])
+    short = sparse.csgraph.dijkstra(coarse.graph, indices=coarse.into[[5, 700]])[:, coarse.into]
+    far = np.isfinite(long) & (long > 20 * spacing)
+    assert np.quantile(np.abs(short[far] / long[far] - 1), 0.9) < 0.1
+
+
+def test_thickness_hardly_depends_on_how_densely_a_tube_is_sampled():
+    axis = np.linspace([0.0, 0, 0], [1, 0, 0], 41)
+    found = []
+    for count in (1500, 6000, 24000):
+        points = tube(axis, 0.1, count, np.random.default_rng(3))
+        graph, mass = surface_graph(points, 8, 0).graph, np.full(count, 1 / count)
+        radius = local_radius(points, mass, graph, 200, 0.06, 0.15, 0).radius
+        found.append(np.median(radius[np.abs(points[:, 0] - 0.5) < 0.2]))
+    np.testing.assert_allclose(found, 0.1, rtol=0.15)
 
 
 @BOTH

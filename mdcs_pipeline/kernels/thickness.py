@@ -14,14 +14,23 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from mdcs_pipeline.kernels.coarsening import coarsened
 from mdcs_pipeline.kernels.compiled.grid import grid_of, scattered
-from mdcs_pipeline.kernels.compiled.patches import closing_patches
+from mdcs_pipeline.kernels.compiled.patches import WIDER, closing_patches
 from mdcs_pipeline.kernels.compiled.spreading import spread_minimum
 from mdcs_pipeline.kernels.compiled.tangent import medians_alike
 from mdcs_pipeline.kernels.seeding import spread_points
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+
+
+# Links that a patch may be wide before it is looked at in a coarser graph.
+_LINKS = 12.0
+# How much farther apart the points of that graph are.
+_COARSER = 2.0
+# Points from which on there is no need for another.
+_FEW = 1500
 
 
 class LocalRadius(NamedTuple):
@@ -74,9 +83,7 @@ def local_radius(
     sources = spread_points(points, min(landmarks, len(points)), seed)
     spacing = float(np.median(graph.data))
     radii = np.geomspace(4.0 * spacing, max(1.5, 8.0 * spacing), 40)
-    scale, _, centre = closing_patches(
-        graph.indptr, graph.indices, graph.data, points, mass, sources, radii, closed
-    )
+    scale, centre = _closed(points, mass, graph, sources, radii, closed)
     # A cloud thinner than its sampling (a line of points) still needs a length to measure by.
     scale = np.maximum(scale, spacing)
     values = np.full(len(points), np.inf)
@@ -93,6 +100,39 @@ def local_radius(
     far = np.linalg.norm(middle - points, axis=1) > 2.0 * radius
     middle[far] = points[far]
     return LocalRadius(radius, confidence, middle)
+
+
+def _closed(
+    points: FloatArray,
+    mass: FloatArray,
+    graph: sparse.csr_array,
+    sources: IntArray,
+    radii: FloatArray,
+    closed: float,
+) -> tuple[FloatArray, FloatArray]:
+    """Return √(2 λ2) and centre of the patch around each source that first closes.
+
+    Patches that are many links wide are grown in a coarser graph: what they cost is bounded by
+    the shape, not by how densely it is sampled.
+    """
+    scale, centre = np.zeros(len(sources)), np.zeros((len(sources), 3))
+    todo, here = np.arange(len(sources)), sources
+    while len(todo):
+        spacing = float(np.median(graph.data)) if graph.nnz else np.inf
+        near = radii <= _LINKS * spacing
+        final = bool(near.all()) or len(points) <= _FEW
+        tried = radii if final or not near.any() else radii[near]
+        where = graph.indptr, graph.indices, graph.data, points, mass, here
+        found = closing_patches(*where, tried, closed, final)
+        scale[todo], centre[todo] = found[0], found[2]
+        wider = found[1] == WIDER
+        todo, here = todo[wider], here[wider]
+        if len(todo):
+            # In a coarser graph the smallest patches would be of a few points.
+            radii = radii[len(tried) :]
+            points, mass, graph, into = coarsened(points, mass, graph, _COARSER * spacing)
+            here = into[here]
+    return scale, centre
 
 
 def _median_within(places: FloatArray, scale: FloatArray) -> FloatArray:
