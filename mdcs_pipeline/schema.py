@@ -55,6 +55,13 @@ def _properties(known: Mapping[str, type[Stage[Any]]]) -> dict[str, Any]:
     named = {
         "name": {"type": "string", "description": "Name of the pipeline."},
         "description": {"type": "string", "description": "What it does, in one line."},
+        "threads": {
+            "type": "integer",
+            "minimum": 1,
+            "default": 1,
+            "description": "Most threads a stage may use; the processors, OMP_NUM_THREADS and "
+            "NUMBA_NUM_THREADS bound them. No result depends on it.",
+        },
         "sources": {
             "type": "object",
             "description": "Clouds that enter; a stage takes one as sources.NAME.",

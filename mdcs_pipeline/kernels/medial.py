@@ -13,7 +13,8 @@ across a gap), and points stay where they are.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,7 @@ from mdcs_pipeline.kernels.compiled.tangent import (
     scatters,
     tangent_radii,
 )
+from mdcs_pipeline.kernels.workers import shared_out
 
 FloatArray = NDArray[np.float64]
 
@@ -178,7 +180,7 @@ def _balls(
         moved = sagging - heights * side
         level = fitted._replace(points=fitted.points + moved[:, None] * normals)
         rough = np.sqrt(np.maximum(spreads[:, 0] ** 2 - sagging**2, 0.0)) / first
-        rough = medians_alike(grid, normals, reach, rough, _ANY)
+        rough = _shared(medians_alike, grid, normals, reach, rough, _ANY)
         again = rough > rule.rough
         if not again.any():
             break
@@ -187,18 +189,19 @@ def _balls(
         fitted = grid._replace(points=np.where(again[:, None], level.points, settled))
         changed = (fitted.points != settled).any(axis=1)
     apart = float(np.sqrt(((level.points - grid.points) ** 2).sum(axis=1).max()))
-    ball = tangent_radii(level, normals, rule.widest * first, rule.apart, rule.pierced, apart)
-    ball = medians_alike(grid, normals, reach, ball, _ALIKE)
+    most = rule.widest * first
+    ball = _shared(tangent_radii, level, normals, most, rule.apart, rule.pierced, apart)
+    ball = _shared(medians_alike, grid, normals, reach, ball, _ALIKE)
     places = level.points - ball[:, None] * normals
     grown = widths > reach
     around = np.where(grown, _AROUND, 1.0) * widths
     # A ball far larger than its limb would make any scatter small.
-    scatter = scatters(grid, around, places) / np.minimum(ball, _WIDE * first)
+    scatter = _shared(scatters, grid, around, places) / np.minimum(ball, _WIDE * first)
     trust = np.clip((rule.unsure - scatter) / (rule.unsure - rule.sure), 0.0, 1.0)
     beyond = np.where(grown, _AROUND * np.maximum(first, widths), 0.0)
-    trust = medians_alike(grid, normals, beyond, trust, _ANY)
+    trust = _shared(medians_alike, grid, normals, beyond, trust, _ANY)
     # A ball that nothing stops says nothing of a middle.
-    trust[ball >= rule.widest * first * (1.0 - 1e-9)] = 0.0
+    trust[ball >= most * (1.0 - 1e-9)] = 0.0
     # Nor has a line a normal, and what does not bend has no inside.
     trust[lines | (np.abs(said) < _TOLD)] = 0.0
     return Medial(
@@ -226,9 +229,15 @@ def _fit(
     """Fit the patches again that any changed point may be in."""
     normals, heights, spreads, widths, bend = patches
     which = np.flatnonzero(near_any(grid, np.maximum(widths, RING * radius), changed))
-    made = patch_planes(grid, mass, reach, _LEAST, which)
+    made = shared_out(lambda some: patch_planes(grid, mass, reach, _LEAST, some), which)
     normals[which], heights[which], spreads[which], widths[which] = made
-    bend[which] = bends(grid, normals, radius, which)
+    (bend[which],) = shared_out(lambda some: (bends(grid, normals, radius, some),), which)
+
+
+def _shared(kernel: Callable[..., FloatArray], grid: Grid, *given: Any) -> FloatArray:
+    """Return what a kernel gives for all points of a grid, shared out to threads."""
+    every = np.arange(len(grid.points))
+    return shared_out(lambda some: (kernel(grid, *given, some),), every)[0]
 
 
 def _outwards(normals: FloatArray, bend: FloatArray, graph: sparse.csr_array) -> FloatArray:

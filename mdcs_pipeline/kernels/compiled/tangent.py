@@ -150,6 +150,7 @@ def tangent_radii(
     apart: float,
     pierced: int,
     moved: float = 0.0,
+    which: IntArray | None = None,
 ) -> FloatArray:
     """Return the radius of the largest ball inside that touches the surface at each point.
 
@@ -172,16 +173,19 @@ def tangent_radii(
         Points that may lie inside: the smallest balls of all are those of noise.
     moved : float
         How far a point may be from the place that it has its cell by.
+    which : (k,) int64, optional
+        The points that are asked for; all when absent.
 
     Returns
     -------
-    (n,) float64
+    (k,) float64
     """
-    n = len(grid.points)
-    result, least = most.copy(), np.empty(pierced + 1)
+    asked = np.arange(len(grid.points)) if which is None else which
+    result, least = np.empty(len(asked)), np.empty(pierced + 1)
     limit = 2.0 * (1.0 - np.cos(apart))
     guess = grid.size
-    for i in range(n):
+    for at in range(len(asked)):
+        i = asked[at]
         size = min(guess, most[i])
         while True:
             least[:] = size
@@ -189,7 +193,7 @@ def tangent_radii(
             if least[pierced] < size or size >= most[i]:
                 break
             size = min(_SWELL * size, most[i])
-        result[i] = least[pierced]
+        result[at] = least[pierced]
         # Neighbours in the grid's order lie on the same limb, mostly.
         guess = 1.1 * least[pierced]
     return result
@@ -292,12 +296,22 @@ def _median(values: FloatArray, count: int) -> float:
 
 @njit(cache=True, nogil=True)
 def medians_alike(
-    grid: Grid, normals: FloatArray, reach: FloatArray, values: FloatArray, cosine: float
+    grid: Grid,
+    normals: FloatArray,
+    reach: FloatArray,
+    values: FloatArray,
+    cosine: float,
+    which: IntArray | None = None,
 ) -> FloatArray:
-    """Return the median of `values` over each point's patch, where it faces the same way."""
+    """Return the median of `values` over points' patches, where these face the same way.
+
+    For all points, or `which`.
+    """
     n = len(grid.points)
-    result, found, held = np.empty(n), np.empty(n, np.int64), np.empty(n)
-    for i in range(n):
+    asked = np.arange(n) if which is None else which
+    result, found, held = np.empty(len(asked)), np.empty(n, np.int64), np.empty(n)
+    for at in range(len(asked)):
+        i = asked[at]
         held[0], count = values[i], 1
         n0, n1, n2 = normals[i, 0], normals[i, 1], normals[i, 2]
         for k in found[: within(grid, grid.points[i], reach[i], found)]:
@@ -305,12 +319,14 @@ def medians_alike(
                 continue
             held[count] = values[k]
             count += n0 * normals[k, 0] + n1 * normals[k, 1] + n2 * normals[k, 2] > cosine
-        result[i] = _median(held, count)
+        result[at] = _median(held, count)
     return result
 
 
 @njit(cache=True, nogil=True)
-def scatters(grid: Grid, reach: FloatArray, places: FloatArray) -> FloatArray:
+def scatters(
+    grid: Grid, reach: FloatArray, places: FloatArray, which: IntArray | None = None
+) -> FloatArray:
     """Return how far the places that belong to each point's patch lie from their common line.
 
     Parameters
@@ -319,19 +335,23 @@ def scatters(grid: Grid, reach: FloatArray, places: FloatArray) -> FloatArray:
     reach : (n,) float64
         Radius of each patch.
     places : (n, 3) float64
+    which : (k,) int64, optional
+        The points that are asked for; all when absent.
 
     Returns
     -------
-    (n,) float64
+    (k,) float64
         Root mean square distance; infinite where a patch has too few points to tell.
     """
     n = len(places)
-    result, found, even = np.full(n, np.inf), np.empty(n, np.int64), np.ones(n)
+    asked = np.arange(n) if which is None else which
+    result, found, even = np.full(len(asked), np.inf), np.empty(n, np.int64), np.ones(n)
     mean, moments, values, vectors = np.empty(3), np.empty((3, 3)), np.empty(3), np.empty((3, 3))
-    for i in range(n):
+    for at in range(len(asked)):
+        i = asked[at]
         count = within(grid, grid.points[i], reach[i], found)
         if count >= _TELLING:
             _moments(places, even, found[:count], places[i], mean, moments)
             principal(moments, values, vectors)
-            result[i] = np.sqrt(max(values[0] + values[1], 0.0))
+            result[at] = np.sqrt(max(values[0] + values[1], 0.0))
     return result
