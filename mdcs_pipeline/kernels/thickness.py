@@ -25,11 +25,11 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 
-# Links that a patch may be wide before it is looked at in a coarser graph.
-_LINKS = 12.0
-# How much farther apart the points of that graph are.
+# How much farther apart the points of a coarser graph are.
 _COARSER = 2.0
-# Points from which on there is no need for another.
+# Links that a patch in it must be wide to be believed, and those of the smallest that is tried.
+_LINKS, _LEAST = 6.0, 4.0
+# Points up to which there is no need for one.
 _FEW = 1500
 
 
@@ -83,7 +83,7 @@ def local_radius(
     sources = spread_points(points, min(landmarks, len(points)), seed)
     spacing = float(np.median(graph.data))
     radii = np.geomspace(4.0 * spacing, max(1.5, 8.0 * spacing), 40)
-    scale, centre = _closed(points, mass, graph, sources, radii, closed)
+    scale, _, centre = _closed(points, mass, graph, sources, radii, closed)
     # A cloud thinner than its sampling (a line of points) still needs a length to measure by.
     scale = np.maximum(scale, spacing)
     values = np.full(len(points), np.inf)
@@ -109,30 +109,31 @@ def _closed(
     sources: IntArray,
     radii: FloatArray,
     closed: float,
-) -> tuple[FloatArray, FloatArray]:
-    """Return √(2 λ2) and centre of the patch around each source that first closes.
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return √(2 λ2), radius and centre of the patch around each source that first closes.
 
-    Patches that are many links wide are grown in a coarser graph: what they cost is bounded by
-    the shape, not by how densely it is sampled.
+    Patches are grown in a coarser graph first, and in this one where they are few links wide
+    there: what they cost is bounded by the shape, not by how densely it is sampled.
     """
-    scale, centre = np.zeros(len(sources)), np.zeros((len(sources), 3))
-    todo, here = np.arange(len(sources)), sources
-    while len(todo):
-        spacing = float(np.median(graph.data)) if graph.nnz else np.inf
-        near = radii <= _LINKS * spacing
-        final = bool(near.all()) or len(points) <= _FEW
-        tried = radii if final or not near.any() else radii[near]
-        where = graph.indptr, graph.indices, graph.data, points, mass, here
-        found = closing_patches(*where, tried, closed, final)
-        scale[todo], centre[todo] = found[0], found[2]
-        wider = found[1] == WIDER
-        todo, here = todo[wider], here[wider]
-        if len(todo):
-            # In a coarser graph the smallest patches would be of a few points.
-            radii = radii[len(tried) :]
-            points, mass, graph, into = coarsened(points, mass, graph, _COARSER * spacing)
-            here = into[here]
-    return scale, centre
+    where = graph.indptr, graph.indices, graph.data, points, mass
+    spacing = float(np.median(graph.data)) if graph.nnz else np.inf
+    if len(points) <= _FEW or radii[-1] < 2.0 * _LINKS * _COARSER * spacing:
+        return closing_patches(*where, sources, radii, closed)
+    coarse = coarsened(points, mass, graph, _COARSER * spacing)
+    apart = float(np.median(coarse.graph.data)) if coarse.graph.nnz else np.inf
+    # The smallest patches would be of a few points there.
+    wide = radii[radii >= _LEAST * apart]
+    if not len(wide):
+        return closing_patches(*where, sources, radii, closed)
+    rough = coarse.points, coarse.mass, coarse.graph, coarse.into[sources]
+    scale, reach, centre = _closed(*rough, wide, closed)
+    thin = np.flatnonzero(reach <= _LINKS * apart)
+    near = radii[radii <= _LINKS * apart]
+    found = closing_patches(*where, sources[thin], near, closed, False)
+    known = found[1] != WIDER
+    for held, better in zip((scale, reach, centre), found, strict=True):
+        held[thin[known]] = better[known]
+    return scale, reach, centre
 
 
 def _median_within(places: FloatArray, scale: FloatArray) -> FloatArray:
