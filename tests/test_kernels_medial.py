@@ -17,8 +17,8 @@ from mdcs_pipeline.kernels.compiled.tangent import (
     medians_alike,
     patch_planes,
     scatters,
-    tangent_radii,
 )
+from mdcs_pipeline.kernels.compiled.touching import tangent_radii
 from mdcs_pipeline.kernels.medial import Medial, MedialRule, medial_places, without_gaps
 from mdcs_pipeline.kernels.surface import surface_graph
 

@@ -27,8 +27,8 @@ from mdcs_pipeline.kernels.compiled.tangent import (
     medians_alike,
     patch_planes,
     scatters,
-    tangent_radii,
 )
+from mdcs_pipeline.kernels.compiled.touching import tangent_radii
 from mdcs_pipeline.kernels.workers import shared_out
 
 FloatArray = NDArray[np.float64]
