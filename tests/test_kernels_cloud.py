@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from problems import line, random_mass, rotation, torus, tube, two_bars
+from problems import line, random_mass, rotation, torus, tube, two_bars, y_shape
 from scipy import sparse
 from scipy.spatial.distance import cdist
 
@@ -599,6 +599,21 @@ def test_thickness_hardly_depends_on_how_densely_a_tube_is_sampled():
         radius = local_radius(points, mass, graph, 200, 0.06, 0.15, 0).radius
         found.append(np.median(radius[np.abs(points[:, 0] - 0.5) < 0.2]))
     np.testing.assert_allclose(found, 0.1, rtol=0.15)
+
+
+def test_thickness_of_many_small_things_is_that_of_one():
+    one = y_shape(600).points
+    one = 0.02 * one / np.ptp(one, axis=0).max()
+    cells = np.stack(np.meshgrid(*[np.arange(5) * 0.2] * 3), axis=-1).reshape(-1, 3)
+    many = (one[None] + cells[:, None]).reshape(-1, 3)
+    found = []
+    for points in (one, many):
+        graph, mass = surface_graph(points, 8, 0).graph, np.full(len(points), 1 / len(points))
+        landmarks = len(points) // 12
+        found.append(local_radius(points, mass, graph, landmarks, 0.06, 0.15, 0).radius)
+    ratio = found[1].reshape(125, -1) / found[0]
+    assert 0.9 < np.median(ratio) < 1.1
+    assert np.quantile(ratio, 0.9) < 1.5
 
 
 @BOTH

@@ -127,7 +127,8 @@ def _closed(
         return closing_patches(*where, sources, radii, closed)
     rough = coarse.points, coarse.mass, coarse.graph, coarse.into[sources]
     scale, reach, centre = _closed(*rough, wide, closed)
-    thin = np.flatnonzero(reach <= _LINKS * apart)
+    # Nor does a part that is a few links wide as a whole close there.
+    thin = np.flatnonzero((reach <= _LINKS * apart) | np.isinf(reach))
     near = radii[radii <= _LINKS * apart]
     found = closing_patches(*where, sources[thin], near, closed, False)
     known = found[1] != WIDER
