@@ -27,6 +27,7 @@ from mdcs_pipeline.spec import (
     SourceSpec,
     StageSpec,
     checked_nonfinite,
+    checked_threads,
 )
 
 __all__ = [
@@ -43,7 +44,7 @@ __all__ = [
     "parse_spec",
 ]
 
-PIPELINE_KEYS = ("name", "description", "sources", "stages", "results")
+PIPELINE_KEYS = ("name", "description", "threads", "sources", "stages", "results")
 STAGE_KEYS = ("stage", "inputs", "feedback", "settings", "host")
 RESERVED = ("sources", "results")
 NAME_PATTERN = r"[A-Za-z_][A-Za-z0-9_-]*"
@@ -141,7 +142,12 @@ def parse_spec(
             k: _ref(b, f"result '{k}'") for k, b in _named(top.get("results"), "results").items()
         },
         file=file,
+        threads=_threads(top.get("threads")),
     )
+
+
+def _threads(branch: Branch | None) -> int:
+    return 1 if branch is None else checked_threads(branch.plain(), branch.place)
 
 
 def _named(branch: Branch | None, what: str) -> dict[str, Branch]:

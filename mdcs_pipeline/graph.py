@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,7 +27,14 @@ from mdcs_pipeline.checks import (
 )
 from mdcs_pipeline.errors import ConfigError, MdcsError
 from mdcs_pipeline.spec import PipelineSpec, StageSpec
-from mdcs_pipeline.stage import Stage, input_ports, output_ports, stage_class, validate_settings
+from mdcs_pipeline.stage import (
+    Stage,
+    input_ports,
+    output_ports,
+    stage_class,
+    stage_entries,
+    validate_settings,
+)
 
 if TYPE_CHECKING:
     import networkx as nx
@@ -66,14 +74,14 @@ class Graph:
         return {n: stage.settings.model_dump(mode="json") for n, stage in self.stages.items()}
 
 
-def build_graph(spec: PipelineSpec, registry: Registry = stage_class) -> Graph:
+def build_graph(spec: PipelineSpec, registry: Registry | None = None) -> Graph:
     """Return the graph of a pipeline, or say what does not fit.
 
     Parameters
     ----------
     spec : PipelineSpec
     registry : callable, optional
-        From the registered name of a stage to its class.
+        From the registered name of a stage to its class; what is installed when absent.
 
     Returns
     -------
@@ -86,7 +94,8 @@ def build_graph(spec: PipelineSpec, registry: Registry = stage_class) -> Graph:
     """
     if not spec.stages:
         raise ConfigError("the pipeline has no stages", where=spec.file)
-    stages = {name: _make(stage, registry) for name, stage in spec.stages.items()}
+    known = partial(stage_class, entries=stage_entries()) if registry is None else registry
+    stages = {name: _make(stage, known) for name, stage in spec.stages.items()}
     ports = {name: _ports(spec.stages[name], stage) for name, stage in stages.items()}
     edges = connect(spec, ports)
     check_inputs(spec, ports)

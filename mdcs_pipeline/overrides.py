@@ -8,7 +8,10 @@ from typing import Any
 
 from mdcs_pipeline.document import Place, scalar_of
 from mdcs_pipeline.errors import ConfigError, suggestion
-from mdcs_pipeline.spec import PipelineSpec, checked_nonfinite
+from mdcs_pipeline.spec import PipelineSpec, checked_nonfinite, checked_threads
+
+# The one setting that is no stage's.
+THREADS = "threads"
 
 
 def parse_override(text: str) -> tuple[str, Any]:
@@ -23,7 +26,7 @@ def parse_override(text: str) -> tuple[str, Any]:
     """
     key, equals, value = text.partition("=")
     stage, dot, setting = key.strip().partition(".")
-    if not (equals and dot and stage and setting):
+    if not (equals and (key.strip() == THREADS or (dot and stage and setting))):
         raise ConfigError(
             "an override must be written stage.setting=value",
             received=text,
@@ -42,6 +45,9 @@ def override_spec(spec: PipelineSpec, overrides: Mapping[str, Any]) -> PipelineS
     for key, value in _flat(overrides, spec).items():
         head, _, rest = key.partition(".")
         place = Place(f"override '{key}'")
+        if key == THREADS:
+            spec = replace(spec, threads=checked_threads(value, place))
+            continue
         if head == "sources":
             spec = _override_source(spec, rest, value, place)
             continue
@@ -81,7 +87,7 @@ def _flat(overrides: Mapping[str, Any], spec: PipelineSpec) -> dict[str, Any]:
         of_source = head == "sources" and rest.count(".") == 0
         if isinstance(value, Mapping) and (not dot or of_source):
             flat.update(_flat({f"{key}.{name}": held for name, held in value.items()}, spec))
-        elif dot and rest:
+        elif (dot and rest) or key == THREADS:
             flat[key] = value
         else:
             raise ConfigError(

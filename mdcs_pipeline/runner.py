@@ -11,6 +11,7 @@ from mdcs_pipeline.checks import SOURCES, type_name
 from mdcs_pipeline.errors import InputError, MdcsError, StageError, suggestion
 from mdcs_pipeline.graph import Graph
 from mdcs_pipeline.hooks import Hook, StageEvent, figures_of, notify
+from mdcs_pipeline.kernels.workers import threads
 from mdcs_pipeline.run_state import RunState, Token, leads_of
 from mdcs_pipeline.stage import Port, Stage
 
@@ -133,11 +134,9 @@ class Runner:
         return dict(_checked(returned, self.graph.ports[name].outputs, where))
 
     def _invoke(self, stage: Stage[Any], inputs: dict[str, Any]) -> Any:
-        return (
-            stage(**inputs)
-            if stage.State is None
-            else stage(**inputs, state=self.states[stage.State])
-        )
+        state = {} if stage.State is None else {"state": self.states[stage.State]}
+        with threads(self.graph.spec.threads):
+            return stage(**inputs, **state)
 
 
 def record_of(frame: RunState, results: dict[str, Any]) -> RunRecord:

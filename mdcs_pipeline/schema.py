@@ -8,7 +8,7 @@ from typing import Any
 from mdcs_pipeline.checks import type_name
 from mdcs_pipeline.config import HOST_PATTERN, NAME_PATTERN, PIPELINE_KEYS, RESERVED
 from mdcs_pipeline.spec import MAIN_HOST, NONFINITE
-from mdcs_pipeline.stage import Stage, input_ports, stage_class, stage_names
+from mdcs_pipeline.stage import Stage, input_ports, installed
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 _REFERENCE = {"type": "string", "pattern": rf"^{NAME_PATTERN}\.{NAME_PATTERN}$"}
@@ -35,7 +35,7 @@ def json_schema(stages: Mapping[str, type[Stage[Any]]] | None = None) -> dict[st
     ConfigError
         If an installed stage cannot be loaded.
     """
-    known = {n: stage_class(n) for n in stage_names()} if stages is None else dict(stages)
+    known = installed() if stages is None else dict(stages)
     definitions: dict[str, Any] = {"stage": _stage(list(known)), "feedback": _feedback()}
     for name, stage in known.items():
         definitions[f"{name}.settings"] = _settings(name, stage)
@@ -55,6 +55,13 @@ def _properties(known: Mapping[str, type[Stage[Any]]]) -> dict[str, Any]:
     named = {
         "name": {"type": "string", "description": "Name of the pipeline."},
         "description": {"type": "string", "description": "What it does, in one line."},
+        "threads": {
+            "type": "integer",
+            "minimum": 1,
+            "default": 1,
+            "description": "Most threads a stage may use; the processors, OMP_NUM_THREADS and "
+            "NUMBA_NUM_THREADS bound them. No result depends on it.",
+        },
         "sources": {
             "type": "object",
             "description": "Clouds that enter; a stage takes one as sources.NAME.",

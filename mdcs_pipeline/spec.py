@@ -79,7 +79,11 @@ class StageSpec:
 
 @dataclass(frozen=True)
 class PipelineSpec:
-    """A whole pipeline, as written; `build_graph` checks that it fits together."""
+    """A whole pipeline, as written; `build_graph` checks that it fits together.
+
+    `threads` are the most that a stage may use; what the machine and the environment allow
+    bounds them.
+    """
 
     name: str
     description: str
@@ -87,6 +91,7 @@ class PipelineSpec:
     stages: dict[str, StageSpec]
     results: dict[str, Ref]
     file: str
+    threads: int = 1
 
 
 def checked_nonfinite(source: str, value: object, place: Place) -> Nonfinite:
@@ -98,4 +103,16 @@ def checked_nonfinite(source: str, value: object, place: Place) -> Nonfinite:
         where=str(place),
         received=value,
         remedy=suggestion(str(value), NONFINITE),
+    )
+
+
+def checked_threads(value: object, place: Place | str) -> int:
+    """Return `value` if it is a number of threads, or raise a `ConfigError`."""
+    if isinstance(value, int) and not isinstance(value, bool) and value >= 1:
+        return value
+    raise ConfigError(
+        "threads must be a whole number from 1 on",
+        where=str(place),
+        received=value,
+        remedy="1 leaves the other processors alone",
     )

@@ -6,7 +6,7 @@ import inspect
 import types
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoints, entry_points
 from typing import Any, ClassVar, Generic, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from pydantic import BaseModel, ConfigDict, ValidationError
@@ -147,20 +147,32 @@ def output_ports(stage: type[Stage[Any]]) -> dict[str, Port]:
     return {name: _port(name, hints[name]) for name in result._fields}
 
 
+def stage_entries() -> EntryPoints:
+    """Return the entry points of all registered stages; every installed package is asked."""
+    return entry_points(group=ENTRY_POINT_GROUP)
+
+
 def stage_names() -> list[str]:
     """Return the names of all registered stages, sorted."""
-    return sorted({entry.name for entry in entry_points(group=ENTRY_POINT_GROUP)})
+    return sorted({entry.name for entry in stage_entries()})
 
 
-def stage_class(name: str) -> type[Stage[Any]]:
+def stage_class(name: str, entries: EntryPoints | None = None) -> type[Stage[Any]]:
     """Return the stage registered under `name`.
+
+    Parameters
+    ----------
+    name : str
+    entries : EntryPoints, optional
+        What `stage_entries` gave, so that several stages need one search of what is installed.
 
     Raises
     ------
     ConfigError
         If there is none of that name, if two packages claim it, or if it does not load.
     """
-    found = {entry.value: entry for entry in entry_points(group=ENTRY_POINT_GROUP, name=name)}
+    known = stage_entries() if entries is None else entries
+    found = {entry.value: entry for entry in known.select(name=name)}
     if not found:
         raise ConfigError(f"unknown stage '{name}'", remedy=suggestion(name, stage_names()))
     if len(found) > 1:
@@ -179,3 +191,15 @@ def stage_class(name: str) -> type[Stage[Any]]:
     if not (isinstance(loaded, type) and issubclass(loaded, Stage)):
         raise ConfigError(f"stage '{name}' is no Stage", received=entry.value)
     return loaded
+
+
+def installed() -> dict[str, type[Stage[Any]]]:
+    """Return all registered stages by name, sorted.
+
+    Raises
+    ------
+    ConfigError
+        As `stage_class`.
+    """
+    entries = stage_entries()
+    return {name: stage_class(name, entries) for name in sorted(entries.names)}

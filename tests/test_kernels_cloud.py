@@ -6,14 +6,16 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from problems import line, random_mass, rotation, torus, tube, two_bars
+from problems import line, random_mass, rotation, torus, tube, two_bars, y_shape
 from scipy import sparse
 from scipy.spatial.distance import cdist
 
 from mdcs_pipeline.kernels.canonical import canonical_frame
+from mdcs_pipeline.kernels.coarsening import coarsened
 from mdcs_pipeline.kernels.compiled.farthest import farthest_points
 from mdcs_pipeline.kernels.compiled.heap import heap_drop, heap_push
 from mdcs_pipeline.kernels.compiled.patches import (
+    WIDER,
     closing_patches,
     middle_eigenvalue,
 )
@@ -22,7 +24,7 @@ from mdcs_pipeline.kernels.density import area_mass, neighbour_radius
 from mdcs_pipeline.kernels.nearest import nearest
 from mdcs_pipeline.kernels.outliers import lonely_points, roundness
 from mdcs_pipeline.kernels.seeding import random_points, spread_points
-from mdcs_pipeline.kernels.surface import averaged, islands, normals, surface_graph
+from mdcs_pipeline.kernels.surface import averaged, islands, normals, principal_axes, surface_graph
 from mdcs_pipeline.kernels.thickness import local_radius
 from mdcs_pipeline.kernels.voxels import MAX_CELLS, voxel_means
 
@@ -218,7 +220,7 @@ def test_mass_levels_uneven_sampling():
 
 
 def lonely(points, near=2.5, sparse=2.0, far=4.0, round_from=0.1):
-    return lonely_points(points, 8, near, sparse, far, round_from)
+    return lonely_points(points, nearest(points, 8), near, sparse, far, round_from)
 
 
 def test_outliers_are_lonely_and_a_surface_is_not():
@@ -340,13 +342,13 @@ def test_points_that_coincide_are_still_linked():
 def test_islands_are_the_parts_with_little_mass():
     shape = two_bars(1000)
     points = np.concatenate([shape.points, np.random.default_rng(0).normal(5, 0.1, (12, 3))])
-    graph = surface_graph(points, 6, 0).graph
+    near = nearest(points, 6).indices
     mass = np.ones(len(points))
-    assert np.flatnonzero(islands(graph, mass, 0.02)).tolist() == list(range(1000, 1012))
-    assert not islands(graph, mass, 0.01).any()
+    assert np.flatnonzero(islands(near, mass, 0.02)).tolist() == list(range(1000, 1012))
+    assert not islands(near, mass, 0.01).any()
     mass[1000:] = 1000.0
-    assert not islands(graph, mass, 0.02)[1000:].any()
-    assert islands(graph, mass, 0.3)[:1000].all()
+    assert not islands(near, mass, 0.02)[1000:].any()
+    assert islands(near, mass, 0.3)[:1000].all()
 
 
 # ---------------------------------------------------------------------------------- thickness
@@ -555,6 +557,65 @@ def test_a_patch_that_never_closes_takes_the_whole_part(plain):
     np.testing.assert_allclose(centre[0], points.mean(axis=0), atol=1e-12)
 
 
+def test_patches_that_have_not_closed_say_so_where_wider_ones_follow():
+    rng = np.random.default_rng(0)
+    points = tube(np.linspace([0.0, 0, 0], [1, 0, 0], 41), 0.1, 3000, rng)
+    graph, mass = surface_graph(points, 8, 0).graph, random_mass(rng, 3000)
+    sources, radii = np.arange(0, 3000, 100), np.geomspace(0.05, 1.5, 30)
+    where = graph.indptr, graph.indices, graph.data, points, mass, sources
+    scale, reach, _ = closing_patches(*where, radii, 0.06)
+    for count in (8, 18, 24):
+        some, tried, _ = closing_patches(*where, radii[:count], 0.06, False)
+        early = reach <= radii[count - 1]
+        np.testing.assert_array_equal(tried[early], reach[early])
+        np.testing.assert_allclose(some[early], scale[early], rtol=1e-9)
+        assert (tried[~early] == WIDER).all()
+
+
+def test_a_coarser_graph_keeps_mass_pieces_and_the_length_of_ways():
+    shape = two_bars(6000)
+    mass = random_mass(np.random.default_rng(0), len(shape.points))
+    graph = surface_graph(shape.points, 8, 0).graph
+    spacing = float(np.median(graph.data))
+    coarse = coarsened(shape.points, mass, graph, 2 * spacing)
+    assert len(coarse.points) < len(shape.points) / 5
+    np.testing.assert_allclose(coarse.mass, np.bincount(coarse.into, mass))
+    centre = np.average(shape.points, axis=0, weights=mass)
+    np.testing.assert_allclose(np.average(coarse.points, axis=0, weights=coarse.mass), centre)
+    pieces = [sparse.csgraph.connected_components(g)[0] for g in (graph, coarse.graph)]
+    assert pieces[0] == pieces[1]
+    long = sparse.csgraph.dijkstra(graph, indices=[5, 700])
+    short = sparse.csgraph.dijkstra(coarse.graph, indices=coarse.into[[5, 700]])[:, coarse.into]
+    far = np.isfinite(long) & (long > 20 * spacing)
+    assert np.quantile(np.abs(short[far] / long[far] - 1), 0.9) < 0.1
+
+
+def test_thickness_hardly_depends_on_how_densely_a_tube_is_sampled():
+    axis = np.linspace([0.0, 0, 0], [1, 0, 0], 41)
+    found = []
+    for count in (1500, 6000, 24000):
+        points = tube(axis, 0.1, count, np.random.default_rng(3))
+        graph, mass = surface_graph(points, 8, 0).graph, np.full(count, 1 / count)
+        radius = local_radius(points, mass, graph, 200, 0.06, 0.15, 0).radius
+        found.append(np.median(radius[np.abs(points[:, 0] - 0.5) < 0.2]))
+    np.testing.assert_allclose(found, 0.1, rtol=0.15)
+
+
+def test_thickness_of_many_small_things_is_that_of_one():
+    one = y_shape(600).points
+    one = 0.02 * one / np.ptp(one, axis=0).max()
+    cells = np.stack(np.meshgrid(*[np.arange(5) * 0.2] * 3), axis=-1).reshape(-1, 3)
+    many = (one[None] + cells[:, None]).reshape(-1, 3)
+    found = []
+    for points in (one, many):
+        graph, mass = surface_graph(points, 8, 0).graph, np.full(len(points), 1 / len(points))
+        landmarks = len(points) // 12
+        found.append(local_radius(points, mass, graph, landmarks, 0.06, 0.15, 0).radius)
+    ratio = found[1].reshape(125, -1) / found[0]
+    assert 0.9 < np.median(ratio) < 1.1
+    assert np.quantile(ratio, 0.9) < 1.5
+
+
 @BOTH
 def test_farthest_points_end_when_every_point_has_one_near(plain):
     points = np.random.default_rng(1).uniform(0, 1, (80, 3))
@@ -565,3 +626,14 @@ def test_farthest_points_end_when_every_point_has_one_near(plain):
     assert len(found) < 80
     assert distance.min(axis=1).max() <= 0.3
     assert (distance[:, :-1].min(axis=1) > 0.3).any()
+
+
+def test_axes_of_neighbourhoods_are_those_of_their_covariance():
+    rng = np.random.default_rng(4)
+    points = rng.normal(0, 1, (60, 3)) * [3.0, 1.0, 0.2] + 50.0
+    indices = nearest(points, 7).indices
+    axes = principal_axes(points, indices)
+    for i in range(60):
+        patch = points[[i, *indices[i]]]
+        _, wanted = np.linalg.eigh(np.cov(patch.T))
+        np.testing.assert_allclose(np.abs((axes[i] * wanted).sum(axis=0)), 1.0, atol=1e-7)

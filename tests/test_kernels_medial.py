@@ -10,14 +10,15 @@ from problems import random_mass, rotation
 from scipy import sparse
 from scipy.spatial import cKDTree
 
-from mdcs_pipeline.kernels.compiled.grid import grid_of, scattered, within
+from mdcs_pipeline.kernels.compiled.grid import grid_of, near_any, scattered, within
+from mdcs_pipeline.kernels.compiled.symmetric import principal
 from mdcs_pipeline.kernels.compiled.tangent import (
     bends,
     medians_alike,
     patch_planes,
     scatters,
-    tangent_radii,
 )
+from mdcs_pipeline.kernels.compiled.touching import tangent_radii
 from mdcs_pipeline.kernels.medial import Medial, MedialRule, medial_places, without_gaps
 from mdcs_pipeline.kernels.surface import surface_graph
 
@@ -161,6 +162,63 @@ def test_a_patch_of_too_few_points_grows_until_it_has_them():
     assert (widths < 0.01).all()
 
 
+@given(seed=SEEDS)
+@settings(max_examples=15, deadline=None)
+def test_a_patch_is_the_same_whichever_others_are_asked_for(seed):
+    rng = np.random.default_rng(seed)
+    grid, mass = grid_of(rng.uniform(-1, 1, (70, 3)), 0.3), random_mass(rng, 70)
+    reach, which = rng.uniform(0.1, 0.6, 70), np.flatnonzero(rng.random(70) < 0.4)
+    every = patch_planes(grid, mass, reach, 5)
+    some = patch_planes(grid, mass, reach, 5, which)
+    for one, other in zip(every, some, strict=True):
+        np.testing.assert_array_equal(one[which], other)
+    bend = bends(grid, every[0], reach)
+    np.testing.assert_array_equal(bends(grid, every[0], reach, which), bend[which])
+
+
+@given(seed=SEEDS)
+@settings(max_examples=15, deadline=None)
+def test_what_no_changed_point_is_near_stays_as_it_was(seed):
+    rng = np.random.default_rng(seed)
+    grid, reach = grid_of(rng.uniform(-1, 1, (200, 3)), 0.3), rng.uniform(0.05, 0.4, 200)
+    changed = rng.random(200) < 0.02
+    touched = near_any(grid, reach, changed)
+    apart = np.linalg.norm(grid.points[:, None] - grid.points[None], axis=2)
+    assert touched[(apart[:, changed] <= reach[:, None]).any(axis=1)].all()
+    assert not near_any(grid, reach, np.zeros(200, bool)).any()
+    found = np.empty(200, np.int64)
+    for i in np.flatnonzero(~touched):
+        assert not changed[found[: within(grid, grid.points[i], reach[i], found)]].any()
+
+
+def test_a_grid_without_a_table_of_its_cells_finds_the_same():
+    near, rng = np.random.default_rng(0).uniform(0, 1, (300, 3)), np.random.default_rng(1)
+    # A far point makes cells beyond number.
+    points = np.concatenate([near, [[500.0, 500.0, 500.0]]])
+    dense, wide = grid_of(near, 0.05), grid_of(points, 0.05)
+    assert len(dense.starts)
+    assert not len(wide.starts)
+    found, others = np.empty(301, np.int64), np.empty(301, np.int64)
+    for place, reach in zip(rng.uniform(-0.2, 1.2, (50, 3)), rng.uniform(0, 0.5, 50), strict=True):
+        one = dense.order[found[: within(dense, place, reach, found)]]
+        other = wide.order[others[: within(wide, place, reach, others)]]
+        np.testing.assert_array_equal(one, other)
+
+
+@given(seed=SEEDS, thin=st.sampled_from([1.0, 1e-4, 0.0]))
+@settings(max_examples=30, deadline=None)
+def test_eigenvectors_by_rotations_are_those_of_the_library(seed, thin):
+    rng, turn = np.random.default_rng(seed), rotation(seed)
+    wanted = np.sort(rng.uniform(0.1, 2, 3) * [thin, 1, 1])
+    matrix, values, vectors = (turn * wanted) @ turn.T, np.empty(3), np.empty((3, 3))
+    whole = 0.5 * (matrix + matrix.T)
+    principal(whole.copy(), values, vectors)
+    np.testing.assert_allclose(values, wanted, atol=1e-14)
+    np.testing.assert_allclose((vectors * values) @ vectors.T, whole, atol=1e-14)
+    np.testing.assert_allclose(vectors.T @ vectors, np.eye(3), atol=1e-14)
+    np.testing.assert_allclose(values, np.linalg.eigvalsh(whole), atol=1e-14)
+
+
 def test_heavy_points_hold_the_plane():
     rng = np.random.default_rng(0)
     flat = np.column_stack([rng.uniform(-1, 1, (200, 2)), np.zeros(200)])
@@ -196,13 +254,15 @@ def test_the_largest_ball_in_a_tube_is_as_wide_as_it(pierced, apart):
     np.testing.assert_array_equal(outside, 5 * R)
 
 
-@given(seed=SEEDS)
-@settings(max_examples=20, deadline=None)
-def test_balls_are_those_of_a_search_over_all_points(seed):
+@given(seed=SEEDS, moved=st.sampled_from([0.0, 0.15]))
+@settings(max_examples=40, deadline=None)
+def test_balls_are_those_of_a_search_over_all_points(seed, moved):
     rng = np.random.default_rng(seed)
     points, normals = rng.uniform(-1, 1, (60, 3)), sphere(60, seed) / R
     grid, most, apart, pierced = grid_of(points, 0.2), rng.uniform(0.2, 3, 60), 1.2, 2
-    found = tangent_radii(grid, normals, most, apart, pierced)
+    # Points that smoothing has moved are still found by the cells that they had before.
+    grid = grid._replace(points=grid.points + moved * sphere(60, seed + 1) / R)
+    found = tangent_radii(grid, normals, most, apart, pierced, moved * (1 + 1e-9))
     step = grid.points[None] - grid.points[:, None]
     depth = -np.einsum("ija,ia->ij", step, normals)
     away = np.square(step).sum(axis=2)

@@ -32,13 +32,27 @@ SetOption = Annotated[
 ]
 
 
-def load_graph(config: str, sets: list[str] | None) -> Graph:
+ThreadsOption = Annotated[
+    int | None,
+    typer.Option(
+        min=1,
+        metavar="NUMBER",
+        show_default=False,
+        help="Most threads a stage may use (default 1); never more than the processors, "
+        "OMP_NUM_THREADS or NUMBA_NUM_THREADS allow. No result depends on it.",
+    ),
+]
+
+
+def load_graph(config: str, sets: list[str] | None, threads: int | None = None) -> Graph:
     """Return the checked graph of a configuration with settings put over it."""
     from mdcs_pipeline.config import load_spec, parse_override
     from mdcs_pipeline.graph import build_graph
 
     _refuse_cloud(config)
     overrides: dict[str, Any] = dict(parse_override(text) for text in sets or ())
+    if threads is not None:
+        overrides["threads"] = threads
     return build_graph(load_spec(config, overrides))
 
 

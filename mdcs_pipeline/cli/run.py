@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from mdcs_pipeline.cli.common import SetOption, load_graph
+from mdcs_pipeline.cli.common import SetOption, ThreadsOption, load_graph
 from mdcs_pipeline.cli.compiling import NOTICE, kernels_cached
 from mdcs_pipeline.cli.console import note, say
 from mdcs_pipeline.cli.outputs import check_result, plan_outputs, result_name
@@ -78,6 +78,7 @@ def run(
     inputs: Inputs = None,
     outputs: Outputs = None,
     sets: SetOption = None,
+    threads: ThreadsOption = None,
     style: Style = "json",
     topic: Topic = None,
     frame: FrameNumber = None,
@@ -104,7 +105,7 @@ def run(
     from mdcs_pipeline.cli.report import as_json, show_profile, show_summary
     from mdcs_pipeline.pipeline import Pipeline
 
-    graph = load_graph(config, sets)
+    graph = load_graph(config, sets, threads)
     frames = find_frames(inputs or [], graph, topic, frame)
     check_result(graph, bool(outputs))
     bags, files = split_bags([path.expanduser() for path in outputs or []], frames)

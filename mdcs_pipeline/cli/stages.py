@@ -14,12 +14,11 @@ def stages() -> None:
     """List the stages: what each does, takes and gives."""
     from rich.table import Table
 
-    from mdcs_pipeline.stage import stage_class, stage_names
+    from mdcs_pipeline.stage import installed
 
     table = Table("stage", "what it does", "takes → gives", box=None, pad_edge=False)
     table.columns[2].header = literal("takes → gives")
-    for name in stage_names():
-        found = stage_class(name)
+    for name, found in installed().items():
         table.add_row(literal(name, "bold"), literal(first_line(found)), literal(ports_of(found)))
     show(table)
 

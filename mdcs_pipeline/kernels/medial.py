@@ -13,20 +13,23 @@ across a gap), and points stay where they are.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from mdcs_pipeline.kernels.compiled.grid import covering, grid_of, scattered
+from mdcs_pipeline.kernels.compiled.grid import Grid, covering, grid_of, near_any, scattered
 from mdcs_pipeline.kernels.compiled.tangent import (
+    RING,
     bends,
     medians_alike,
     patch_planes,
     scatters,
-    tangent_radii,
 )
+from mdcs_pipeline.kernels.compiled.touching import tangent_radii
+from mdcs_pipeline.kernels.workers import shared_out
 
 FloatArray = NDArray[np.float64]
 
@@ -163,11 +166,13 @@ def _balls(
     first, reach = radius[order], rule.patch * radius[order]
     links = graph[order][:, order]
     fitted = level = grid
+    patches = raw, heights, spreads, widths, bend = _unfitted(reach)
+    changed = np.ones(len(order), dtype=bool)
     for _ in range(rule.passes):
-        normals, heights, spreads, widths = patch_planes(fitted, mass[order], reach, _LEAST)
-        said = _outwards(normals, bends(fitted, normals, first), links)
+        _fit(fitted, mass[order], reach, first, changed, patches)
+        said = _outwards(raw, bend, links)
         side = np.where(said < 0.0, -1.0, 1.0)
-        normals *= side[:, None]
+        normals = raw * side[:, None]
         if fitted is grid:
             lines = spreads[:, 1] < _LINE * widths
         # A disc of radius ρ on a tube has its mean ρ²/8r under its top, and spreads as much.
@@ -175,24 +180,28 @@ def _balls(
         moved = sagging - heights * side
         level = fitted._replace(points=fitted.points + moved[:, None] * normals)
         rough = np.sqrt(np.maximum(spreads[:, 0] ** 2 - sagging**2, 0.0)) / first
-        rough = medians_alike(grid, normals, reach, rough, _ANY)
+        rough = _shared(medians_alike, grid, normals, reach, rough, _ANY)
         again = rough > rule.rough
         if not again.any():
             break
         # What is smooth would only lose its shape.
-        fitted = grid._replace(points=np.where(again[:, None], level.points, fitted.points))
-    ball = tangent_radii(level, normals, rule.widest * first, rule.apart, rule.pierced)
-    ball = medians_alike(grid, normals, reach, ball, _ALIKE)
+        settled = fitted.points
+        fitted = grid._replace(points=np.where(again[:, None], level.points, settled))
+        changed = (fitted.points != settled).any(axis=1)
+    apart = float(np.sqrt(((level.points - grid.points) ** 2).sum(axis=1).max()))
+    most = rule.widest * first
+    ball = _shared(tangent_radii, level, normals, most, rule.apart, rule.pierced, apart)
+    ball = _shared(medians_alike, grid, normals, reach, ball, _ALIKE)
     places = level.points - ball[:, None] * normals
     grown = widths > reach
     around = np.where(grown, _AROUND, 1.0) * widths
     # A ball far larger than its limb would make any scatter small.
-    scatter = scatters(grid, around, places) / np.minimum(ball, _WIDE * first)
+    scatter = _shared(scatters, grid, around, places) / np.minimum(ball, _WIDE * first)
     trust = np.clip((rule.unsure - scatter) / (rule.unsure - rule.sure), 0.0, 1.0)
     beyond = np.where(grown, _AROUND * np.maximum(first, widths), 0.0)
-    trust = medians_alike(grid, normals, beyond, trust, _ANY)
+    trust = _shared(medians_alike, grid, normals, beyond, trust, _ANY)
     # A ball that nothing stops says nothing of a middle.
-    trust[ball >= rule.widest * first * (1.0 - 1e-9)] = 0.0
+    trust[ball >= most * (1.0 - 1e-9)] = 0.0
     # Nor has a line a normal, and what does not bend has no inside.
     trust[lines | (np.abs(said) < _TOLD)] = 0.0
     return Medial(
@@ -201,6 +210,34 @@ def _balls(
         scattered(grid, trust),
         scattered(grid, normals),
     )
+
+
+def _unfitted(reach: FloatArray) -> tuple[FloatArray, ...]:
+    """Return room for normals, heights, spreads, widths and bends of as many patches."""
+    n = len(reach)
+    return np.zeros((n, 3)), np.zeros(n), np.zeros((n, 2)), reach.copy(), np.zeros(n)
+
+
+def _fit(
+    grid: Grid,
+    mass: FloatArray,
+    reach: FloatArray,
+    radius: FloatArray,
+    changed: NDArray[np.bool_],
+    patches: tuple[FloatArray, ...],
+) -> None:
+    """Fit the patches again that any changed point may be in."""
+    normals, heights, spreads, widths, bend = patches
+    which = np.flatnonzero(near_any(grid, np.maximum(widths, RING * radius), changed))
+    made = shared_out(lambda some: patch_planes(grid, mass, reach, _LEAST, some), which)
+    normals[which], heights[which], spreads[which], widths[which] = made
+    (bend[which],) = shared_out(lambda some: (bends(grid, normals, radius, some),), which)
+
+
+def _shared(kernel: Callable[..., FloatArray], grid: Grid, *given: Any) -> FloatArray:
+    """Return what a kernel gives for all points of a grid, shared out to threads."""
+    every = np.arange(len(grid.points))
+    return shared_out(lambda some: (kernel(grid, *given, some),), every)[0]
 
 
 def _outwards(normals: FloatArray, bend: FloatArray, graph: sparse.csr_array) -> FloatArray:

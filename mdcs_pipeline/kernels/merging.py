@@ -6,8 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
+from mdcs_pipeline.kernels.compiled.grid import grid_of
+from mdcs_pipeline.kernels.compiled.pairing import closest_disjoint, near_pairs
 from mdcs_pipeline.kernels.links import unique_pairs
 
 FloatArray = NDArray[np.float64]
@@ -129,21 +130,11 @@ def close_pairs(
     -------
     (P, 2) int64
     """
-    near = cKDTree(nodes).query_pairs(spacing * float(scale.max()), output_type="ndarray")
-    if fixed is not None and fixed.any():
-        near = near[~fixed[near].all(axis=1)]
-        near = np.where(fixed[near[:, 1]][:, None], near[:, ::-1], near)
-    length = np.linalg.norm(nodes[near[:, 0]] - nodes[near[:, 1]], axis=1)
-    relative = length / scale[near].min(axis=1)
-    if widths is not None:
-        relative /= widths[near].max(axis=1)
-    close = relative < spacing
-    near, relative = near[close], relative[close]
-    order = np.lexsort((near[:, 1], near[:, 0], relative))
-    free = [True] * len(nodes)
-    chosen = []
-    for i, j in near[order].tolist():
-        if free[i] and free[j]:
-            free[i] = free[j] = False
-            chosen.append((i, j))
-    return np.array(chosen, dtype=np.int64).reshape(-1, 2)
+    count = len(nodes)
+    unmoved = np.zeros(count, dtype=bool) if fixed is None else fixed
+    factor = np.ones(count) if widths is None else widths
+    grid = grid_of(nodes, spacing * float(np.median(scale)))
+    near, ratio = near_pairs(grid, scale, factor, unmoved, spacing)
+    chosen = closest_disjoint(near, ratio, count)
+    order = np.lexsort((near[chosen, 1], near[chosen, 0], ratio[chosen]))
+    return np.asarray(near[chosen[order]], dtype=np.int64)

@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from mdcs_pipeline.kernels.workers import thread_count
+
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
@@ -38,7 +40,7 @@ def nearest(points: FloatArray, count: int) -> Nearest:
     Nearest
     """
     k = min(count + 1, len(points))
-    found = cKDTree(points).query(points, k=list(range(1, k + 1)))
+    found = cKDTree(points).query(points, k=list(range(1, k + 1)), workers=thread_count())
     distance = np.asarray(found[0], dtype=np.float64)
     index = np.asarray(found[1], dtype=np.int64)
     itself = index == np.arange(len(points))[:, None]

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from mdcs_pipeline.kernels.blocks import Boxes
 from mdcs_pipeline.kernels.energy import bending_energy
 from mdcs_pipeline.kernels.problem import Accuracy, Coupling, Problem, Solution
 from mdcs_pipeline.kernels.sinkhorn import couple, couple_free
@@ -78,6 +79,7 @@ def optimise(
     descent: Descent,
     edges: NDArray[np.int64] | None = None,
     fixed: NDArray[np.bool_] | None = None,
+    boxes: Boxes | None = None,
 ) -> Optimised:
     """Minimise (1 − λ) W + λ R over nodes and plan by alternating minimisation (Algorithm 2).
 
@@ -93,6 +95,8 @@ def optimise(
         The graph that R smooths; needed where λ > 0.
     fixed : (m,) bool, optional
         Nodes that stay where they are; R is not asked to smooth them either.
+    boxes : Boxes, optional
+        Of the problem's points, from `Problem.boxes`, where they are at hand.
 
     Returns
     -------
@@ -106,7 +110,7 @@ def optimise(
         smoothing = sparse.csr_array(in_radii @ bending(edges, len(problem.nodes)))
         if fixed is not None and fixed.any():
             smoothing = sparse.csr_array(sparse.diags_array((~fixed).astype(float)) @ smoothing)
-    boxes = problem.boxes()
+    boxes = problem.boxes() if boxes is None else boxes
     found = transport(problem, potentials, accuracy, boxes)
     energy = [_objective(found, problem, smoothing, descent.smoothing)]
     passes, entries, settled = found.passes, found.entries, False

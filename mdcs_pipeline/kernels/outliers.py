@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mdcs_pipeline.kernels.nearest import nearest
+from mdcs_pipeline.kernels.nearest import Nearest
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -33,7 +33,7 @@ def roundness(points: FloatArray, indices: NDArray[np.int64]) -> FloatArray:
 
 
 def lonely_points(
-    points: FloatArray, neighbours: int, near: float, sparse: float, far: float, round_from: float
+    points: FloatArray, found: Nearest, near: float, sparse: float, far: float, round_from: float
 ) -> BoolArray:
     """Return the points that are too far from others to lie on the same surface.
 
@@ -45,8 +45,8 @@ def lonely_points(
     Parameters
     ----------
     points : (n, 3) float64
-    neighbours : int
-        k.
+    found : Nearest
+        k neighbours of each point.
     near : float
         Radius, in medians of its neighbours' radii, from which a point is lonely.
     sparse : float
@@ -60,7 +60,6 @@ def lonely_points(
     -------
     (n,) bool
     """
-    found = nearest(points, neighbours)
     radius = found.distance[:, -1]
     relative = radius / max(float(np.median(radius)), np.finfo(float).tiny)
     suspect = np.flatnonzero(relative > sparse)

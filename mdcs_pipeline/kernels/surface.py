@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
+from mdcs_pipeline.kernels.compiled.neighbours import neighbour_axes
 from mdcs_pipeline.kernels.nearest import nearest
 
 FloatArray = NDArray[np.float64]
@@ -49,10 +50,7 @@ def principal_axes(points: FloatArray, indices: NDArray[np.int64]) -> FloatArray
     (n, 3, 3) float64
         Unit vectors in the columns; on a surface the first is the normal. Signs mean nothing.
     """
-    patch = np.concatenate([points[:, None], points[indices]], axis=1)
-    offset = patch - patch.mean(axis=1, keepdims=True)
-    _, vectors = np.linalg.eigh(np.einsum("nka,nkb->nab", offset, offset))
-    return np.asarray(vectors, dtype=np.float64)
+    return neighbour_axes(points, indices)[1]
 
 
 def normals(points: FloatArray, indices: NDArray[np.int64]) -> FloatArray:
@@ -104,8 +102,23 @@ def surface_graph(
     return SurfaceGraph(placed, sparse.csr_array(one_way.maximum(one_way.T)))
 
 
-def islands(graph: sparse.csr_array, mass: FloatArray, least: float) -> NDArray[np.bool_]:
-    """Return the points whose connected part holds less than `least` of the mass."""
+def islands(indices: NDArray[np.int64], mass: FloatArray, least: float) -> NDArray[np.bool_]:
+    """Return the points whose connected part holds less than `least` of the mass.
+
+    Parameters
+    ----------
+    indices : (n, k) int64
+        Neighbours of each point.
+    mass : (n,) float64
+    least : float
+
+    Returns
+    -------
+    (n,) bool
+    """
+    n, k = indices.shape
+    entries = np.ones(n * k, np.int8), indices.ravel(), np.arange(0, n * k + 1, k)
+    graph = sparse.csr_array(entries, shape=(n, n))
     _, part = connected_components(graph, directed=False)
     held = np.bincount(part, mass)
     return np.asarray(held[part] < least * mass.sum(), dtype=np.bool_)

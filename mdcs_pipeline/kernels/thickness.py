@@ -13,14 +13,24 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
-from scipy.spatial import cKDTree
 
-from mdcs_pipeline.kernels.compiled.patches import closing_patches
+from mdcs_pipeline.kernels.coarsening import coarsened
+from mdcs_pipeline.kernels.compiled.grid import grid_of, scattered
+from mdcs_pipeline.kernels.compiled.patches import WIDER, closing_patches
 from mdcs_pipeline.kernels.compiled.spreading import spread_minimum
+from mdcs_pipeline.kernels.compiled.tangent import medians_alike
 from mdcs_pipeline.kernels.seeding import spread_points
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+
+
+# How much farther apart the points of a coarser graph are.
+_COARSER = 2.0
+# Links that a patch in it must be wide to be believed, and those of the smallest that is tried.
+_LINKS, _LEAST = 6.0, 4.0
+# Points up to which there is no need for one.
+_FEW = 1500
 
 
 class LocalRadius(NamedTuple):
@@ -73,9 +83,7 @@ def local_radius(
     sources = spread_points(points, min(landmarks, len(points)), seed)
     spacing = float(np.median(graph.data))
     radii = np.geomspace(4.0 * spacing, max(1.5, 8.0 * spacing), 40)
-    scale, _, centre = closing_patches(
-        graph.indptr, graph.indices, graph.data, points, mass, sources, radii, closed
-    )
+    scale, _, centre = _closed(points, mass, graph, sources, radii, closed)
     # A cloud thinner than its sampling (a line of points) still needs a length to measure by.
     scale = np.maximum(scale, spacing)
     values = np.full(len(points), np.inf)
@@ -94,13 +102,44 @@ def local_radius(
     return LocalRadius(radius, confidence, middle)
 
 
+def _closed(
+    points: FloatArray,
+    mass: FloatArray,
+    graph: sparse.csr_array,
+    sources: IntArray,
+    radii: FloatArray,
+    closed: float,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return √(2 λ2), radius and centre of the patch around each source that first closes.
+
+    Patches are grown in a coarser graph first, and in this one where they are few links wide
+    there: what they cost is bounded by the shape, not by how densely it is sampled.
+    """
+    where = graph.indptr, graph.indices, graph.data, points, mass
+    spacing = float(np.median(graph.data)) if graph.nnz else np.inf
+    if len(points) <= _FEW or radii[-1] < 2.0 * _LINKS * _COARSER * spacing:
+        return closing_patches(*where, sources, radii, closed)
+    coarse = coarsened(points, mass, graph, _COARSER * spacing)
+    apart = float(np.median(coarse.graph.data)) if coarse.graph.nnz else np.inf
+    # The smallest patches would be of a few points there.
+    wide = radii[radii >= _LEAST * apart]
+    if not len(wide):
+        return closing_patches(*where, sources, radii, closed)
+    rough = coarse.points, coarse.mass, coarse.graph, coarse.into[sources]
+    scale, reach, centre = _closed(*rough, wide, closed)
+    # Nor does a part that is a few links wide as a whole close there.
+    thin = np.flatnonzero((reach <= _LINKS * apart) | np.isinf(reach))
+    near = radii[radii <= _LINKS * apart]
+    found = closing_patches(*where, sources[thin], near, closed, False)
+    known = found[1] != WIDER
+    for held, better in zip((scale, reach, centre), found, strict=True):
+        held[thin[known]] = better[known]
+    return scale, reach, centre
+
+
 def _median_within(places: FloatArray, scale: FloatArray) -> FloatArray:
     """Return, at every landmark, the median of the values within its own radius."""
-    near = cKDTree(places).query_ball_point(places, scale)
-    counts = np.array([len(indices) for indices in near])
-    values = scale[np.concatenate(near).astype(np.int64)]
-    # Sorted within each landmark; the median is the middle one, or the mean of the middle two.
-    values = values[np.lexsort((values, np.repeat(np.arange(len(near)), counts)))]
-    first = np.cumsum(counts) - counts
-    middle = 0.5 * (values[first + (counts - 1) // 2] + values[first + counts // 2])
-    return np.asarray(middle, dtype=np.float64)
+    grid = grid_of(places, float(np.median(scale)))
+    values = scale[grid.order]
+    # All face the same way.
+    return scattered(grid, medians_alike(grid, np.zeros((len(values), 3)), values, values, -1.0))

@@ -8,8 +8,9 @@ import numpy as np
 from pydantic import Field
 
 from mdcs_pipeline.ingest import given_cloud
+from mdcs_pipeline.kernels.nearest import nearest
 from mdcs_pipeline.kernels.outliers import lonely_points
-from mdcs_pipeline.kernels.surface import islands, surface_graph
+from mdcs_pipeline.kernels.surface import islands
 from mdcs_pipeline.messages import PointCloud
 from mdcs_pipeline.stage import Settings, Stage
 
@@ -66,12 +67,14 @@ class Clean(Stage[CleanSettings]):
         keep = np.arange(len(cloud))
         positions = np.asarray(cloud.positions, dtype=np.float64)
         settings = self.settings
+        found = None
         for _ in range(settings.passes):
             if len(keep) <= 4 * settings.neighbours:
                 break
+            found = nearest(positions[keep], settings.neighbours)
             lonely = lonely_points(
                 positions[keep],
-                settings.neighbours,
+                found,
                 settings.near,
                 settings.sparse,
                 settings.far,
@@ -79,9 +82,10 @@ class Clean(Stage[CleanSettings]):
             )
             if not lonely.any():
                 break
-            keep = keep[~lonely]
+            keep, found = keep[~lonely], None
         if settings.least_island > 0 and len(keep) > 4 * settings.neighbours:
-            graph = surface_graph(positions[keep], settings.neighbours, 0).graph
-            keep = keep[~islands(graph, np.ones(len(keep)), settings.least_island)]
+            if found is None:
+                found = nearest(positions[keep], settings.neighbours)
+            keep = keep[~islands(found.indices, np.ones(len(keep)), settings.least_island)]
         weights = None if cloud.weights is None else cloud.weights[keep]
         return Cleaned(PointCloud(cloud.positions[keep], weights, cloud.header, cloud.dropped))

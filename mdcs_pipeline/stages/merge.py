@@ -103,7 +103,7 @@ class Merge(Stage[MergeSettings]):
         )
         settled = np.ones(len(nodes), dtype=bool)
         settled[pairs.ravel()] = False
-        labelled = replace(plan, nodes=replace(nodes, settled=settled))
+        labelled = plan.serving(replace(nodes, settled=settled))
         if not len(pairs):
             return Merging(None, labelled)
         merged = merged_nodes(nodes, pairs)

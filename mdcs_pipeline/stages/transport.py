@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from mdcs_pipeline.errors import InputError
+from mdcs_pipeline.kernels.blocks import Boxes
 from mdcs_pipeline.kernels.optimise import Descent, Optimised, optimise
 from mdcs_pipeline.kernels.problem import Accuracy, Problem
 from mdcs_pipeline.messages import MassCloud, Nodes, Thickness, TransportPlan
@@ -89,6 +90,8 @@ class Transport(Stage[TransportSettings]):
     """Move the nodes to where an entropic plan carries the cloud's mass (Algorithm 2)."""
 
     Settings = TransportSettings
+    #: Places, masses and radii that were last put in boxes, and the boxes.
+    _held: tuple[tuple[NDArray[np.float64], ...], Boxes] | None = None
 
     def __call__(
         self, cloud: MassCloud, nodes: Nodes, thickness: Thickness | None = None
@@ -99,14 +102,13 @@ class Transport(Stage[TransportSettings]):
         are not all 0 warm-start the solve.
         """
         settings = self.settings
-        ones = np.ones(len(cloud))
         problem = Problem(
             carried_from(cloud, thickness, settings.carried),
             cloud.mass,
             nodes.positions,
             nodes.mass,
             settings.epsilon if nodes.epsilon is None else nodes.epsilon,
-            ones if thickness is None else thickness.radius,
+            np.ones(len(cloud)) if thickness is None else thickness.radius,
             nodes.scale if thickness is not None else np.ones(len(nodes)),
         )
         found = optimise(
@@ -121,9 +123,18 @@ class Transport(Stage[TransportSettings]):
                 settings.marginals == "free",
             ),
             fixed=nodes.fixed,
+            boxes=self._boxes(problem),
         )
         plan = as_plan(found, nodes, thickness, settings.marginals == "free")
         return TransportOutput(plan, thickness)
+
+    def _boxes(self, problem: Problem) -> Boxes:
+        """Return the points in boxes; rounds of merging ask again and again for the same ones."""
+        of = problem.points, problem.mass, problem.point_scale
+        held = self._held
+        if held is None or not all(map(np.array_equal, of, held[0])):
+            held = self._held = tuple(array.copy() for array in of), problem.boxes()
+        return held[1]
 
 
 def carried_from(

@@ -134,7 +134,7 @@ def iterate(
         passes += 1
         error = np.abs(received - target).sum()
         far = drift(z, lifted) > refill
-        if error <= tolerance or passes >= budget or far:
+        if error <= tolerance or passes >= budget:
             sums *= np.exp(shift)
             return z, sums, passes, error, held
         for i in range(m):
@@ -148,3 +148,6 @@ def iterate(
             best[:] = z + residual
             least = error
         held = mixed_step(z, residual, root, clip, moves, turns, normal, held)
+        if far:
+            # The step is taken first: the new kernel's first pass would only repeat this one.
+            return z, sums, passes, error, held

@@ -12,11 +12,13 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from mdcs_pipeline.kernels.compiled.types import FloatArray, IntArray
+from mdcs_pipeline.kernels.compiled.types import BoolArray, FloatArray, IntArray
 
 T = TypeVar("T", bound=np.generic)
 # Cells along an axis at most: three such numbers fit into one key.
 _MOST = 2**20
+# Cells a point up to which all are counted.
+_ROOMY = 16
 
 
 class Grid(NamedTuple):
@@ -34,6 +36,10 @@ class Grid(NamedTuple):
         Corner of the first cell.
     size : float
         Edge of a cell.
+    shape : (3,) int64
+        Cells along each axis.
+    starts : (C + 1,) int64
+        Where each of all cells begins; empty where there would be too many.
     """
 
     points: FloatArray
@@ -41,6 +47,8 @@ class Grid(NamedTuple):
     keys: IntArray
     low: FloatArray
     size: float
+    shape: IntArray
+    starts: IntArray
 
 
 def grid_of(points: FloatArray, size: float) -> Grid:
@@ -59,9 +67,36 @@ def grid_of(points: FloatArray, size: float) -> Grid:
     extent = float((points.max(axis=0, initial=-np.inf) - low).max(initial=0.0))
     size = max(size, 2.0 * extent / _MOST, np.finfo(float).tiny)
     cells = np.floor((points - low) / size).astype(np.int64)
+    shape = cells.max(axis=0, initial=0) + 1
     keys = (cells[:, 0] * _MOST + cells[:, 1]) * _MOST + cells[:, 2]
     order = np.argsort(keys, kind="stable")
-    return Grid(np.ascontiguousarray(points[order]), order, keys[order], low, size)
+    starts = np.empty(0, np.int64)
+    # A scene of far objects has cells beyond number, nearly all of them empty.
+    if np.prod(shape.astype(float)) <= _ROOMY * len(points) + 4096:
+        dense = (cells[:, 0] * shape[1] + cells[:, 1]) * shape[2] + cells[:, 2]
+        counts = np.bincount(dense, minlength=int(shape.prod()))
+        starts = np.concatenate([[0], np.cumsum(counts)])
+    placed = np.ascontiguousarray(points[order])
+    return Grid(placed, order, keys[order], low, size, shape, starts)
+
+
+@njit(cache=True, nogil=True)
+def span_of(grid: Grid, axis: int, low: float, high: float) -> tuple[int, int]:
+    """Return the first and the last cell along an axis between two coordinates."""
+    first = int(np.floor((low - grid.low[axis]) / grid.size))
+    last = int(np.floor((high - grid.low[axis]) / grid.size))
+    return max(0, first), min(int(grid.shape[axis]) - 1, last)
+
+
+@njit(cache=True, nogil=True)
+def row_of(grid: Grid, i: int, j: int, first: int, last: int) -> tuple[int, int]:
+    """Return where the points of the cells (i, j, first … last) begin and end."""
+    if len(grid.starts) > 0:
+        row = (i * int(grid.shape[1]) + j) * int(grid.shape[2])
+        return int(grid.starts[row + first]), int(grid.starts[row + last + 1])
+    key = (i * _MOST + j) * _MOST
+    start = np.searchsorted(grid.keys, key + first)
+    return int(start), int(np.searchsorted(grid.keys, key + last, side="right"))
 
 
 @njit(cache=True, nogil=True)
@@ -74,13 +109,12 @@ def _add_near(
     count: int,
 ) -> int:
     """Add those of a slice of the points that are near a place to `count` found before."""
+    px, py, pz = place[0], place[1], place[2]
     for at in range(rows[0], rows[1]):
-        x = points[at, 0] - place[0]
-        y = points[at, 1] - place[1]
-        z = points[at, 2] - place[2]
-        if x * x + y * y + z * z <= squared:
-            found[count] = at
-            count += 1
+        x, y, z = points[at, 0] - px, points[at, 1] - py, points[at, 2] - pz
+        # Written in any case: what is near cannot be foretold, and a wrong guess costs more.
+        found[count] = at
+        count += x * x + y * y + z * z <= squared
     return count
 
 
@@ -101,22 +135,55 @@ def within(grid: Grid, place: FloatArray, reach: float, found: IntArray) -> int:
     int
         How many there are.
     """
-    points, keys, size = grid.points, grid.keys, grid.size
-    low, high = np.empty(3, np.int64), np.empty(3, np.int64)
-    for a in range(3):
-        low[a] = max(0, int(np.floor((place[a] - reach - grid.low[a]) / size)))
-        high[a] = min(_MOST - 1, int(np.floor((place[a] + reach - grid.low[a]) / size)))
+    points = grid.points
+    x = span_of(grid, 0, place[0] - reach, place[0] + reach)
+    y = span_of(grid, 1, place[1] - reach, place[1] + reach)
+    z = span_of(grid, 2, place[2] - reach, place[2] + reach)
     count, squared = 0, reach * reach
-    if (high[0] - low[0] + 1) * (high[1] - low[1] + 1) > len(points):
+    if (x[1] - x[0] + 1) * (y[1] - y[0] + 1) > len(points):
         # More rows than points: most are empty.
         return _add_near(points, place, squared, (0, len(points)), found, 0)
-    for i in range(low[0], high[0] + 1):
-        for j in range(low[1], high[1] + 1):
-            row = (i * _MOST + j) * _MOST
-            start = np.searchsorted(keys, row + low[2])
-            stop = np.searchsorted(keys, row + high[2], side="right")
-            count = _add_near(points, place, squared, (start, stop), found, count)
+    if z[0] > z[1]:
+        return 0
+    for i in range(x[0], x[1] + 1):
+        for j in range(y[0], y[1] + 1):
+            rows = row_of(grid, i, j, z[0], z[1])
+            count = _add_near(points, place, squared, rows, found, count)
     return count
+
+
+@njit(cache=True, nogil=True)
+def near_any(grid: Grid, reach: FloatArray, some: BoolArray) -> BoolArray:
+    """Return the points for which `within` would look at one of `some`, or that are of them.
+
+    Parameters
+    ----------
+    grid : Grid
+    reach : (n,) float64
+    some : (n,) bool
+        In the grid's order.
+
+    Returns
+    -------
+    (n,) bool
+    """
+    n = len(grid.points)
+    before = np.zeros(n + 1, np.int64)
+    for k in range(n):
+        before[k + 1] = before[k] + some[k]
+    result = some.copy()
+    for k in range(n):
+        place, far = grid.points[k], reach[k]
+        x = span_of(grid, 0, place[0] - far, place[0] + far)
+        y = span_of(grid, 1, place[1] - far, place[1] + far)
+        z = span_of(grid, 2, place[2] - far, place[2] + far)
+        for i in range(x[0], x[1] + 1):
+            if result[k] or z[0] > z[1]:
+                break
+            for j in range(y[0], y[1] + 1):
+                start, stop = row_of(grid, i, j, z[0], z[1])
+                result[k] |= before[stop] > before[start]
+    return result
 
 
 @njit(cache=True, nogil=True)

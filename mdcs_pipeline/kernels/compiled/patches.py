@@ -15,14 +15,14 @@ from mdcs_pipeline.kernels.compiled.boxes import box_order
 from mdcs_pipeline.kernels.compiled.lanes import LANES, relax_links
 from mdcs_pipeline.kernels.compiled.types import FloatArray, IntArray
 
-# Sources that share a ball of the graph.
-_SHARING = 2 * LANES
 # Points that are set right before the next are looked at. All sources lie within it, mostly:
 # farther out ways lead outwards, and one visit is nearly enough.
 _WINDOW = 2048
 # A patch's moments: Σ m, Σ m x, y, z and Σ m xx, xy, xz, yy, yz, zz.
 _MOMENTS = 10
 _FAR = np.float32(1e30)
+#: Stands for the radius of a patch that has not closed within those that were tried.
+WIDER = -1.0
 
 
 @njit(cache=True, nogil=True)
@@ -156,6 +156,7 @@ def closing_radius(
     radii: FloatArray,
     closed: float,
     sure: float,
+    final: bool,
     middle: FloatArray,
 ) -> tuple[float, float]:
     """Return √(2 λ2) and radius of the first ball that has closed, from one lane's rings.
@@ -163,7 +164,8 @@ def closing_radius(
     `middle` is filled with its centre of mass.
 
     A radius only counts where points lie beyond it. Balls wider than `sure` are not whole:
-    the radius is then NaN. Where all are and none has closed, it is infinite.
+    the radius is then NaN. Where all are and none has closed, it is infinite; but where there
+    are wider ones to try, which is not `final`, it is `WIDER`.
     """
     total = np.zeros(_MOMENTS)
     beyond = counts.sum()
@@ -178,6 +180,8 @@ def closing_radius(
         if variance <= closed * radii[at] ** 2:
             middle[:] = total[1:4] / total[0]
             return np.sqrt(2.0 * variance), radii[at]
+    if not final and (beyond > 0 or sure < np.inf):
+        return 0.0, WIDER
     if sure < np.inf:
         return 0.0, np.nan
     _add(rings[len(radii)], total)
@@ -195,31 +199,47 @@ def closing_patches(
     sources: IntArray,
     radii: FloatArray,
     closed: float,
+    final: bool = True,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return √(2 λ2) of each source's geodesic ball where it has closed, its radius and centre.
 
     A ball of radius s has closed at the first of `radii` with λ2 ≤ closed · s². Where it never
-    does, the whole part's λ2 is taken and the radius is infinite.
+    does, the whole part's λ2 is taken and the radius is infinite; unless `final` is false, which
+    says that wider ones will be tried: the radius is then `WIDER`.
     """
     scale = np.zeros(len(sources))
     reach = np.full(len(sources), np.nan)
     centre = np.zeros((len(sources), 3))
     place = np.full(len(points), -1)
-    todo, wanted = np.arange(len(sources)), radii[-1] / 3.0
+    todo, wanted = np.arange(len(sources)), radii[-1] / (3.0 if final else 1.0)
     while len(todo) > 0:
         # What a ball was too small for waits for the next round, with others of its kind.
         order, widest = box_order(points[sources[todo]], LANES), wanted
-        for start in range(0, len(todo), _SHARING):
-            lanes = todo[order[start : start + _SHARING]]
+        for start in range(0, len(todo), LANES):
+            lanes = todo[order[start : start + LANES]]
             needed = _grow_together(
-                indptr, indices, lengths, points, mass, sources, radii, closed, lanes, wanted,
-                place, scale, reach, centre,
+                indptr, indices, lengths, points, mass, sources, radii, closed, final, lanes,
+                wanted, place, scale, reach, centre,
             )  # fmt: skip
             widest = max(widest, wanted)
             # Neighbours close at like sizes; a ball too small is grown in vain.
             wanted = max(0.8 * wanted, needed) if needed > 0.0 else wanted
         todo, wanted = todo[np.isnan(reach[todo])], 2.0 * widest
     return scale, reach, centre
+
+
+@njit(cache=True, nogil=True)
+def _central(points: FloatArray, some: IntArray) -> int:
+    """Return which of some points is nearest to their mean."""
+    mean = np.zeros(3)
+    for i in some:
+        mean += points[i] / len(some)
+    best, found = np.inf, 0
+    for k in range(len(some)):
+        away = np.square(points[some[k]] - mean).sum()
+        if away < best:
+            best, found = away, k
+    return found
 
 
 @njit(cache=True, nogil=True)
@@ -232,6 +252,7 @@ def _grow_together(
     sources: IntArray,
     radii: FloatArray,
     closed: float,
+    final: bool,
     lanes: IntArray,
     wanted: float,
     place: IntArray,
@@ -246,7 +267,7 @@ def _grow_together(
     float
         Radius of the ball that those which closed have needed, a little more; 0 for none.
     """
-    centre = sources[lanes[0]]
+    centre = sources[lanes[_central(points, sources[lanes])]]
     ball, from_centre, whole = ball_around(indptr, indices, lengths, centre, wanted, place)
     links = local_graph(indptr, indices, lengths, ball, place)
     places, masses = points[ball] - points[centre], mass[ball]
@@ -260,11 +281,15 @@ def _grow_together(
             # Others lie in another part, or out of reach of this ball.
             if starts[k] >= 0:
                 sure = np.inf if whole else wanted - from_centre[starts[k]]
-                found = closing_radius(rings[k], counts[k], radii, closed, sure, middle[some[k]])
+                found = closing_radius(
+                    rings[k], counts[k], radii, closed, sure, final, middle[some[k]]
+                )
                 scale[some[k]], reach[some[k]] = found
                 middle[some[k]] += points[centre]
-                if found[1] < np.inf:
+                if 0.0 < found[1] < np.inf:
                     widest = max(widest, found[1] + from_centre[starts[k]])
+                elif found[1] == WIDER:
+                    widest = max(widest, (radii[-1] + from_centre[starts[k]]) / 1.2)
     for v in ball:
         place[v] = -1
     return 1.2 * widest

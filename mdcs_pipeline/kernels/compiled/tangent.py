@@ -1,4 +1,4 @@
-"""What the surface does around each point: its normal, its bend, the ball that it lies on.
+"""What the surface does around each point: its normal, its bend, how its neighbours scatter.
 
 All arrays are in the order of a `Grid`.
 """
@@ -9,10 +9,11 @@ import numpy as np
 from numba import njit
 
 from mdcs_pipeline.kernels.compiled.grid import Grid, within
+from mdcs_pipeline.kernels.compiled.symmetric import principal
 from mdcs_pipeline.kernels.compiled.types import FloatArray, IntArray
 
 # The ring in which the surface's bend shows, in local radii.
-_INNER, _OUTER = 0.4, 1.2
+_INNER, RING = 0.4, 1.2
 # A point at distance l stands l²/2r above or below a limb's surface; much more is another limb.
 _STEEPEST = 0.7
 # A patch of too few points grows by quarters, this often at most.
@@ -23,30 +24,45 @@ _TELLING = 4
 
 @njit(cache=True, nogil=True)
 def _moments(
-    points: FloatArray, mass: FloatArray, near: IntArray, origin: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return the mean, from an origin, and the covariance of some of the points."""
-    total, mean = 0.0, np.zeros(3)
+    points: FloatArray,
+    mass: FloatArray,
+    near: IntArray,
+    origin: FloatArray,
+    mean: FloatArray,
+    moments: FloatArray,
+) -> None:
+    """Write the mean, from an origin, and the covariance of some of the points."""
+    total, m0, m1, m2 = 0.0, 0.0, 0.0, 0.0
     for k in near:
-        total += mass[k]
-        for a in range(3):
-            mean[a] += mass[k] * (points[k, a] - origin[a])
-    mean /= total
-    moments, offset = np.zeros((3, 3)), np.empty(3)
+        w = mass[k]
+        total += w
+        m0 += w * (points[k, 0] - origin[0])
+        m1 += w * (points[k, 1] - origin[1])
+        m2 += w * (points[k, 2] - origin[2])
+    share = 1.0 / total
+    mean[0], mean[1], mean[2] = m0 * share, m1 * share, m2 * share
+    c0, c1, c2 = origin[0] + mean[0], origin[1] + mean[1], origin[2] + mean[2]
+    xx, xy, xz, yy, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for k in near:
-        for a in range(3):
-            offset[a] = points[k, a] - origin[a] - mean[a]
-        for a in range(3):
-            for b in range(3):
-                moments[a, b] += mass[k] / total * offset[a] * offset[b]
-    return mean, moments
+        w = mass[k] * share
+        x, y, z = points[k, 0] - c0, points[k, 1] - c1, points[k, 2] - c2
+        xx += w * x * x
+        xy += w * x * y
+        xz += w * x * z
+        yy += w * y * y
+        yz += w * y * z
+        zz += w * z * z
+    moments[0, 0], moments[1, 1], moments[2, 2] = xx, yy, zz
+    moments[0, 1] = moments[1, 0] = xy
+    moments[0, 2] = moments[2, 0] = xz
+    moments[1, 2] = moments[2, 1] = yz
 
 
 @njit(cache=True, nogil=True)
 def patch_planes(
-    grid: Grid, mass: FloatArray, reach: FloatArray, least: int
+    grid: Grid, mass: FloatArray, reach: FloatArray, least: int, which: IntArray | None = None
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return normal, height above the middle, spread and width of each point's patch.
+    """Return normal, height above the middle, spread and width of points' patches.
 
     Parameters
     ----------
@@ -56,143 +72,137 @@ def patch_planes(
         Radius of each patch.
     least : int
         Points of a patch at least: where there are fewer it grows, up to six times.
+    which : (k,) int64, optional
+        The points that are asked for; all when absent.
 
     Returns
     -------
-    normals : (n, 3) float64
+    normals : (k, 3) float64
         Unit; their signs mean nothing.
-    heights : (n,) float64
+    heights : (k,) float64
         Of the point above the plane of its patch, along the normal.
-    spreads : (n, 2) float64
+    spreads : (k, 2) float64
         Standard deviation of the patch along the normal, and along its next thinnest direction.
-    widths : (n,) float64
+    widths : (k,) float64
         Radius of the patch.
     """
     n = len(grid.points)
-    normals, heights, spreads, widths = (
-        np.zeros((n, 3)),
-        np.zeros(n),
-        np.zeros((n, 2)),
-        reach.copy(),
-    )
+    asked = np.arange(n) if which is None else which
+    count = len(asked)
+    normals, heights = np.zeros((count, 3)), np.zeros(count)
+    spreads, widths = np.zeros((count, 2)), np.zeros(count)
     found = np.empty(n, np.int64)
-    for i in range(n):
-        here, wide = grid.points[i], reach[i]
-        count = within(grid, here, wide, found)
+    mean, moments, values, vectors = np.empty(3), np.empty((3, 3)), np.empty(3), np.empty((3, 3))
+    for at in range(count):
+        here, wide = grid.points[asked[at]], reach[asked[at]]
+        near = within(grid, here, wide, found)
         for _ in range(_GROWTHS):
-            if count >= min(least, n):
+            if near >= min(least, n):
                 break
             wide *= 1.25
-            count = within(grid, here, wide, found)
-        mean, moments = _moments(grid.points, mass, found[:count], here)
-        values, vectors = np.linalg.eigh(moments)
-        normals[i] = vectors[:, 0]
-        heights[i] = -np.dot(mean, vectors[:, 0])
+            near = within(grid, here, wide, found)
+        _moments(grid.points, mass, found[:near], here, mean, moments)
+        principal(moments, values, vectors)
+        for a in range(3):
+            normals[at, a] = vectors[a, 0]
+            heights[at] -= mean[a] * vectors[a, 0]
         for a in range(2):
-            spreads[i, a] = np.sqrt(max(values[a], 0.0))
-        widths[i] = wide
+            spreads[at, a] = np.sqrt(max(values[a], 0.0))
+        widths[at] = wide
     return normals, heights, spreads, widths
 
 
 @njit(cache=True, nogil=True)
-def bends(grid: Grid, normals: FloatArray, radius: FloatArray) -> FloatArray:
-    """Return how far the surface around each point falls away from its normal, in radii.
+def bends(
+    grid: Grid, normals: FloatArray, radius: FloatArray, which: IntArray | None = None
+) -> FloatArray:
+    """Return how far the surface around points falls away from their normals, in radii.
 
     The mean over a ring about as wide as the limb: positive where the normal points outwards,
-    for a limb bends around itself more than it bends along.
+    for a limb bends around itself more than it bends along. For all points, or `which`.
     """
     n = len(grid.points)
-    result, found = np.zeros(n), np.empty(n, np.int64)
-    for i in range(n):
-        here = grid.points[i]
-        inner, total, count = (_INNER * radius[i]) ** 2, 0.0, 0
-        for k in found[: within(grid, here, _OUTER * radius[i], found)]:
-            away, height = 0.0, 0.0
-            for a in range(3):
-                step = grid.points[k, a] - here[a]
-                away += step * step
-                height += step * normals[i, a]
-            if away > inner and abs(height) <= _STEEPEST * away / radius[i]:
+    asked = np.arange(n) if which is None else which
+    result, found = np.zeros(len(asked)), np.empty(n, np.int64)
+    points = grid.points
+    for at in range(len(asked)):
+        i = asked[at]
+        here, normal, r = points[i], normals[i], radius[i]
+        inner, total, count = (_INNER * r) ** 2, 0.0, 0
+        for k in found[: within(grid, here, RING * r, found)]:
+            x, y, z = points[k, 0] - here[0], points[k, 1] - here[1], points[k, 2] - here[2]
+            away = x * x + y * y + z * z
+            height = x * normal[0] + y * normal[1] + z * normal[2]
+            if away > inner and abs(height) <= _STEEPEST * away / r:
                 total -= height
                 count += 1
-        result[i] = total / (radius[i] * max(count, 1))
+        result[at] = total / (r * max(count, 1))
     return result
 
 
 @njit(cache=True, nogil=True)
-def tangent_radii(
-    grid: Grid, normals: FloatArray, most: FloatArray, apart: float, pierced: int
-) -> FloatArray:
-    """Return the radius of the largest ball inside that touches the surface at each point.
-
-    The ball lies on the side that the normal turns away from. Only points that are seen from
-    its centre at more than `apart` radians from where it touches limit it: what is nearer says
-    how rough the sampling is.
-
-    Parameters
-    ----------
-    grid : Grid
-    normals : (n, 3) float64
-        Unit, outwards.
-    most : (n,) float64
-        Largest radius.
-    apart : float
-    pierced : int
-        Points that may lie inside: the smallest balls of all are those of noise.
-
-    Returns
-    -------
-    (n,) float64
-    """
-    n = len(grid.points)
-    result, found, least = most.copy(), np.empty(n, np.int64), np.empty(pierced + 1)
-    limit = 2.0 * (1.0 - np.cos(apart))
-    for i in range(n):
-        here, reach = grid.points[i], 2.0 * grid.size
-        while True:
-            least[:] = most[i]
-            # Through a point at distance l goes no ball smaller than l/2.
-            reach = min(reach, 2.0 * most[i])
-            for k in found[: within(grid, here, reach, found)]:
-                away, depth = 0.0, 0.0
-                for a in range(3):
-                    step = grid.points[k, a] - here[a]
-                    away += step * step
-                    depth -= step * normals[i, a]
-                if depth > 0.0:
-                    radius = away / (2.0 * depth)
-                    if radius < least[pierced] and away > limit * radius * radius:
-                        at = pierced
-                        while at > 0 and least[at - 1] > radius:
-                            least[at] = least[at - 1]
-                            at -= 1
-                        least[at] = radius
-            if reach >= 2.0 * least[pierced]:
-                break
-            reach *= 1.5
-        result[i] = least[pierced]
-    return result
+def _median(values: FloatArray, count: int) -> float:
+    """Return the median of the first `count` values, which are put out of order."""
+    middle = count // 2
+    low, high = 0, count - 1
+    while low < high:
+        pivot = values[(low + high) // 2]
+        i, j = low, high
+        while i <= j:
+            while values[i] < pivot:
+                i += 1
+            while values[j] > pivot:
+                j -= 1
+            if i <= j:
+                values[i], values[j] = values[j], values[i]
+                i += 1
+                j -= 1
+        if middle <= j:
+            high = j
+        elif middle >= i:
+            low = i
+        else:
+            break
+    upper: float = values[middle]
+    if count % 2 == 1:
+        return upper
+    lower: float = values[:middle].max()
+    return (lower + upper) / 2.0
 
 
 @njit(cache=True, nogil=True)
 def medians_alike(
-    grid: Grid, normals: FloatArray, reach: FloatArray, values: FloatArray, cosine: float
+    grid: Grid,
+    normals: FloatArray,
+    reach: FloatArray,
+    values: FloatArray,
+    cosine: float,
+    which: IntArray | None = None,
 ) -> FloatArray:
-    """Return the median of `values` over each point's patch, where it faces the same way."""
+    """Return the median of `values` over points' patches, where these face the same way.
+
+    For all points, or `which`.
+    """
     n = len(grid.points)
-    result, found, held = np.empty(n), np.empty(n, np.int64), np.empty(n)
-    for i in range(n):
+    asked = np.arange(n) if which is None else which
+    result, found, held = np.empty(len(asked)), np.empty(n, np.int64), np.empty(n)
+    for at in range(len(asked)):
+        i = asked[at]
         held[0], count = values[i], 1
+        n0, n1, n2 = normals[i, 0], normals[i, 1], normals[i, 2]
         for k in found[: within(grid, grid.points[i], reach[i], found)]:
-            if k != i and np.dot(normals[i], normals[k]) > cosine:
-                held[count] = values[k]
-                count += 1
-        result[i] = np.median(held[:count])
+            if k == i:
+                continue
+            held[count] = values[k]
+            count += n0 * normals[k, 0] + n1 * normals[k, 1] + n2 * normals[k, 2] > cosine
+        result[at] = _median(held, count)
     return result
 
 
 @njit(cache=True, nogil=True)
-def scatters(grid: Grid, reach: FloatArray, places: FloatArray) -> FloatArray:
+def scatters(
+    grid: Grid, reach: FloatArray, places: FloatArray, which: IntArray | None = None
+) -> FloatArray:
     """Return how far the places that belong to each point's patch lie from their common line.
 
     Parameters
@@ -201,17 +211,23 @@ def scatters(grid: Grid, reach: FloatArray, places: FloatArray) -> FloatArray:
     reach : (n,) float64
         Radius of each patch.
     places : (n, 3) float64
+    which : (k,) int64, optional
+        The points that are asked for; all when absent.
 
     Returns
     -------
-    (n,) float64
+    (k,) float64
         Root mean square distance; infinite where a patch has too few points to tell.
     """
     n = len(places)
-    result, found, even = np.empty(n), np.empty(n, np.int64), np.ones(n)
-    for i in range(n):
+    asked = np.arange(n) if which is None else which
+    result, found, even = np.full(len(asked), np.inf), np.empty(n, np.int64), np.ones(n)
+    mean, moments, values, vectors = np.empty(3), np.empty((3, 3)), np.empty(3), np.empty((3, 3))
+    for at in range(len(asked)):
+        i = asked[at]
         count = within(grid, grid.points[i], reach[i], found)
-        _, moments = _moments(places, even, found[:count], places[i])
-        values = np.linalg.eigvalsh(moments)
-        result[i] = np.sqrt(max(values[0] + values[1], 0.0)) if count >= _TELLING else np.inf
+        if count >= _TELLING:
+            _moments(places, even, found[:count], places[i], mean, moments)
+            principal(moments, values, vectors)
+            result[at] = np.sqrt(max(values[0] + values[1], 0.0))
     return result
