@@ -11,7 +11,7 @@ from mdcs_pipeline.kernels.bridging import BridgeRule, Shore, bridges
 from mdcs_pipeline.kernels.ends import End, limb_ends, lone_segments, stretched
 from mdcs_pipeline.kernels.nearest import nearest
 from mdcs_pipeline.kernels.rims import free_angle
-from mdcs_pipeline.kernels.spurs import shed_spurs
+from mdcs_pipeline.kernels.spurs import shed_spurs, shed_strays
 
 NONE = np.empty((0, 2), np.int64)
 NOWHERE = np.empty((0, 3))
@@ -263,3 +263,40 @@ def test_the_last_branches_of_a_junction_are_never_shed():
     nodes, pairs, ends = fork(0.7)
     # All three ends are short of five radii: the shortest goes, and then there is no junction.
     assert shed_spurs(nodes, np.ones(4), pairs, ends, 5.0).tolist() == [0, 1, 2, 1]
+
+
+# A limb of nodes 0 to 4, and two of a side limb on its node 2.
+SIDE = np.array([[0, 1], [1, 2], [2, 3], [3, 4], [2, 5], [5, 6]])
+
+
+@pytest.mark.parametrize("unit", [1e-3, 1.0, 1e3])
+@pytest.mark.parametrize(
+    ("counts", "radius", "stray"),
+    [
+        ([100, 100, 100, 100, 100, 10, 4], 1.0, True),
+        ([100, 100, 100, 100, 100, 10, 40], 1.0, False),
+        # Half as thick, it has as many points on its surface with a quarter of them.
+        ([100, 100, 100, 100, 100, 10, 10], 0.5, False),
+        # A scan that thins out along the limb does so on its side limb too.
+        ([900, 300, 100, 33, 11, 40, 14], 1.0, False),
+    ],
+)
+def test_a_limb_of_few_points_for_its_size_is_stray(
+    counts: list[int], radius: float, stray: bool, unit: float
+) -> None:
+    scale = unit * np.array([1.0] * 5 + [radius] * 2)
+    into = shed_strays(scale, np.array(counts), SIDE, 0.15)
+    assert into.tolist() == ([0, 1, 2, 3, 4, 2, 2] if stray else list(range(7)))
+
+
+def test_sparse_ends_without_a_junction_are_kept() -> None:
+    chain, ring = SIDE[:4], np.array([[0, 1], [1, 2], [2, 3], [3, 4], [0, 4]])
+    for pairs in (chain, ring):
+        counts = np.array([1, 1, 100, 1, 1])
+        assert shed_strays(np.ones(5), counts, pairs, 0.15).tolist() == [0, 1, 2, 3, 4]
+
+
+def test_a_sparse_bow_between_junctions_is_no_limb() -> None:
+    pairs = np.array([[0, 1], [1, 2], [2, 3], [1, 4], [2, 4]])
+    counts = np.array([100, 100, 100, 100, 2])
+    assert shed_strays(np.ones(5), counts, pairs, 0.15).tolist() == [0, 1, 2, 3, 4]

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import shapes
 from scipy import sparse
+from scipy.spatial.distance import cdist
 
 from mdcs_pipeline.errors import InputError, OutputError
 from mdcs_pipeline.messages import (
@@ -392,6 +393,31 @@ def test_link_joins_what_is_close_through_air_only_without_a_surface() -> None:
     link = Link(rule="co_transport", strength=0.01)
     assert link(bars.cloud, plan).rough.edges.tolist() == [[0, 1]]
     assert link(bars.cloud, plan, bars.surface).rough.edges.tolist() == []
+
+
+def test_pieces_are_not_joined_over_a_stray_contact() -> None:
+    """Bars as above, of four nodes each, whose surfaces one link joins, as noise does."""
+    bars = measured(shapes.two_bars(1500, 0) * [0.3, 0.3, 1])
+    points = bars.cloud.positions
+    side = bars.cloud.unit.from_unit(points)[:, 1] > 0
+    part = np.digitize(points[:, 2], np.quantile(points[:, 2], [0.25, 0.5, 0.75]))
+    places = [points[(side == k) & (part == q)].mean(0) for k in (False, True) for q in range(4)]
+    stage = Transport(max_steps=0, marginals="free", epsilon=0.2)
+    plan = stage(bars.cloud, nodes_at(bars.cloud, np.array(places))).plan
+    one, other = np.flatnonzero(~side), np.flatnonzero(side)
+    apart = cdist(points[one], points[other])
+    i, j = np.unravel_index(apart.argmin(), apart.shape)
+    stray = sparse.coo_array(
+        (np.full(2, apart[i, j]), ([one[i], other[j]], [other[j], one[i]])),
+        shape=bars.surface.graph.shape,
+    )
+    surface = replace(bars.surface, graph=sparse.csr_array(bars.surface.graph + stray))
+    rules = {"rule": "co_transport", "strength": 0.1, "joining": 0.0001}
+    apart_bars = [[0, 1], [1, 2], [2, 3], [4, 5], [5, 6], [6, 7]]
+    joined = Link(**rules)(bars.cloud, plan, surface).rough.edges.tolist()
+    assert len(joined) == 7
+    firm = Link(**rules, joining_contact=0.15)(bars.cloud, plan, surface).rough.edges.tolist()
+    assert firm == apart_bars
 
 
 def around(rod: Rod, count: int = 6) -> RoughSkeleton:

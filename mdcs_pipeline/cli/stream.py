@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from mdcs_pipeline.cli.common import ConfigArgument, SetOption, load_graph
+from mdcs_pipeline.cli.common import ConfigArgument, SetOption, ThreadsOption, load_graph
 from mdcs_pipeline.cli.run import announce
 from mdcs_pipeline.cli.screen import HostOption, PortOption
 
@@ -84,6 +84,7 @@ def stream(
     source: Source,
     outputs: Outputs = None,
     sets: SetOption = None,
+    threads: ThreadsOption = None,
     poses: Poses = None,
     topic: Topic = None,
     pose_topic: PoseTopic = None,
@@ -108,7 +109,7 @@ def stream(
     from mdcs_pipeline.overload import parse_policy
     from mdcs_pipeline.stream import Stream
 
-    graph = load_graph(config, sets)
+    graph = load_graph(config, sets, threads)
     if unusable not in ("drop", "refuse"):
         raise typer.BadParameter("drop or refuse", param_hint="--unusable")
     job: Job = Job(

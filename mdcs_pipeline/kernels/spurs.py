@@ -1,10 +1,11 @@
-"""Spurs: ends that do not leave the thickness of what they stand on."""
+"""Spurs: ends that do not leave the thickness of what they stand on, or that nothing covers."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mdcs_pipeline.kernels.branches import split_branches
 from mdcs_pipeline.kernels.ends import End
 
 FloatArray = NDArray[np.float64]
@@ -49,4 +50,36 @@ def shed_spurs(
         if degree[root] > 2:
             into[leaf] = root
             degree[root] -= 1
+    return into
+
+
+def shed_strays(scale: FloatArray, counts: IntArray, pairs: IntArray, cover: float) -> IntArray:
+    """Return which node each node becomes when limbs of stray points shrink into their junctions.
+
+    A limb is as densely sampled as what it stands on, or nearly so: density changes along a
+    scan, but not at a junction. One whose nodes all have less than `cover` of the junction's
+    points on a piece of surface of their own size, n_i / r_i², is a string of outliers.
+
+    Parameters
+    ----------
+    scale : (m,) float64
+        Local radius.
+    counts : (m,) int64
+        Points of each node.
+    pairs : (E, 2) int64
+    cover : float
+
+    Returns
+    -------
+    (m,) int64
+        Itself for all but strays.
+    """
+    into = np.arange(len(scale))
+    degree = np.bincount(pairs.ravel(), minlength=len(scale))
+    covered = counts / scale**2
+    for branch in split_branches(len(scale), pairs):
+        for root, limb in ((branch[0], branch[1:]), (branch[-1], branch[:-1])):
+            leads_out = degree[root] > 2 and (degree[limb] == 1).any()
+            if leads_out and covered[limb].max() < cover * covered[root]:
+                into[limb] = root
     return into

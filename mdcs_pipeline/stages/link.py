@@ -45,6 +45,12 @@ class LinkSettings(Settings):
         lt=1,
         description="Least strength of a link that joins two pieces; weaker ones carry no mass.",
     )
+    joining_contact: float = Field(
+        0.0,
+        ge=0,
+        le=1,
+        description="The same as contact, for a link that joins two pieces.",
+    )
     least_share: float = Field(
         0.01, ge=0, lt=1, description="Share from which a point counts as serving a node (IV.C)."
     )
@@ -96,7 +102,9 @@ class Link(Stage[LinkSettings]):
             edges = unique_pairs(
                 np.concatenate([edges[~nodes.fixed[edges].all(axis=1)], _kept(nodes)])
             )
-        joining = Links(links.pairs[near > 0], links.strength[near > 0])
+        # Strands side by side share mass, and some stray points of theirs are neighbours.
+        touch = (near > 0) & (near >= settings.joining_contact)
+        joining = Links(links.pairs[touch], links.strength[touch])
         if touching is not None:
             joining = self._with_contacts(joining, touching)
         ways = _ways_beyond(nodes)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
 from pydantic import Field
 
 from mdcs_pipeline.kernels.assignment import plan_owners
 from mdcs_pipeline.kernels.ends import limb_ends
-from mdcs_pipeline.kernels.spurs import shed_spurs
+from mdcs_pipeline.kernels.spurs import shed_spurs, shed_strays
 from mdcs_pipeline.messages import MassCloud, RoughSkeleton
 from mdcs_pipeline.stage import Settings, Stage
 from mdcs_pipeline.stages.shrink import gathered
@@ -23,6 +24,13 @@ class PruneSettings(Settings):
         description="Reach of an end's points from its junction, in the junction's local radius, "
         "below which it is a spur.",
     )
+    cover: float = Field(
+        0.15,
+        ge=0,
+        lt=1,
+        description="Points of a limb's nodes for their size, in those of the junction that it "
+        "stands on, below which the limb is a string of outliers.",
+    )
 
 
 class Pruned(NamedTuple):
@@ -32,12 +40,15 @@ class Pruned(NamedTuple):
 
 
 class Prune(Stage[PruneSettings]):
-    """Shrink ends that do not leave the thickness of what they stand on."""
+    """Shrink strings of outliers, and ends within the thickness of what they stand on."""
 
     Settings = PruneSettings
 
     def __call__(self, cloud: MassCloud, rough: RoughSkeleton) -> Pruned:
-        """Return the skeleton without spurs; their junctions take over their mass."""
+        """Return the skeleton without strays and spurs; their junctions take over their mass."""
+        counts = np.bincount(plan_owners(rough.plan.plan), minlength=len(rough.nodes))
+        strays = shed_strays(rough.nodes.scale, counts, rough.edges, self.settings.cover)
+        rough = gathered(rough, strays)
         nodes, owner = rough.nodes, plan_owners(rough.plan.plan)
         ends = limb_ends(nodes.positions, nodes.scale, rough.edges, cloud.positions, owner)
         into = shed_spurs(nodes.positions, nodes.scale, rough.edges, ends, self.settings.length)
