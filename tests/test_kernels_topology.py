@@ -25,6 +25,7 @@ from mdcs_pipeline.kernels.links import (
     co_transport,
     named_pairs,
     shared_mass,
+    straight_ahead,
     unique_pairs,
     widened,
 )
@@ -153,6 +154,26 @@ def test_nodes_without_common_points_are_not_linked():
     for found in (shared_mass(plan, 0.0), co_transport(plan, np.full(2, 0.5), 0.0)):
         assert found.pairs.shape == (0, 2)
         assert found.strength.shape == (0,)
+
+
+@pytest.mark.parametrize("unit", [1e-3, 1.0, 1e3])
+def test_what_goes_on_from_an_end_is_ahead_of_it(unit: float) -> None:
+    """A limb along x from node 0 to 2, nodes ahead, behind and beside, and a second limb."""
+    nodes = unit * np.array(
+        [[0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0, 0], [1, 2, 0], [2, 2, 0], [3, 2, 0], [3, 1, 0]],
+        dtype=float,
+    )
+    edges = np.array([[0, 1], [1, 2], [4, 5], [5, 6]])
+    pairs = np.array([[2, 3], [1, 3], [2, 5], [1, 5], [0, 6], [2, 6], [2, 2]])
+    # Node 3 has no edges and looks anywhere; 1 and 5 are inner nodes.
+    root = np.sqrt(0.5)
+    wanted = [1.0, 1.0, 0.0, -1.0, 3 / np.sqrt(13), 5**-0.5, 0.0]
+    found = straight_ahead(nodes, edges, pairs)
+    # From 0 the way to 6 leads back, from 6 it leads back too.
+    wanted[4] = -3 / np.sqrt(13)
+    np.testing.assert_allclose(found, wanted, atol=1e-12)
+    aslant = straight_ahead(nodes, np.concatenate([edges, [[3, 7]]]), np.array([[2, 7]]))
+    np.testing.assert_allclose(aslant, [root], atol=1e-12)
 
 
 def test_a_widened_plan_is_that_of_the_same_potentials_at_the_larger_epsilon():

@@ -420,6 +420,23 @@ def test_pieces_are_not_joined_over_a_stray_contact() -> None:
     assert firm == apart_bars
 
 
+def test_an_end_goes_on_over_any_contact(rod: Rod) -> None:
+    """A rod with a gap that a single link of the surface leads over."""
+    plan = plan_to(rod.cloud, axis_places(rod.cloud, 6))
+    x = rod.cloud.positions[:, 0]
+    links = rod.surface.graph.tocoo()
+    over = np.flatnonzero((x[links.row] < 0) & (x[links.col] >= 0))[:1]
+    kept = (x[links.row] < 0) == (x[links.col] < 0)
+    rows = np.concatenate([links.row[kept], links.row[over], links.col[over]])
+    cols = np.concatenate([links.col[kept], links.col[over], links.row[over]])
+    lengths = np.concatenate([links.data[kept], links.data[over], links.data[over]])
+    graph = sparse.csr_array((lengths, (rows, cols)), shape=links.shape)
+    surface = replace(rod.surface, graph=graph)
+    rules = {"rule": "co_transport", "contact": 0.3, "strength": 0.01, "joining_contact": 0.3}
+    found = Link(**rules)(rod.cloud, plan, surface).rough
+    assert found.edges.tolist() == [[i, i + 1] for i in range(5)]
+
+
 def around(rod: Rod, count: int = 6) -> RoughSkeleton:
     """Return a loop of nodes on the wall of a rod: false, as its inside is empty of loops."""
     radius = np.hypot(*rod.cloud.positions[:, 1:].T).mean()

@@ -102,6 +102,36 @@ def co_transport(plan: sparse.csr_array, mass: FloatArray, floor: float) -> Link
     return Links(links.pairs, links.strength / np.maximum(smaller, np.finfo(float).tiny))
 
 
+def straight_ahead(nodes: FloatArray, edges: IntArray, pairs: IntArray) -> FloatArray:
+    """Return how straight each pair goes on from an end of what edges connect.
+
+    Parameters
+    ----------
+    nodes : (m, 3) float64
+    edges : (E, 2) int64
+    pairs : (P, 2) int64
+
+    Returns
+    -------
+    (P,) float64
+        Cosine at the better end of the pair: 1 where a node has no edges and looks anywhere,
+        −1 where both are inner nodes.
+    """
+    degree = np.bincount(edges.ravel(), minlength=len(nodes))
+    outward = np.zeros((len(nodes), 3))
+    for near, far in (edges.T, edges.T[::-1]):
+        end = degree[near] == 1
+        outward[near[end]] = nodes[near[end]] - nodes[far[end]]
+    best = np.full(len(pairs), -1.0)
+    for near, far in (pairs.T, pairs.T[::-1]):
+        way = nodes[far] - nodes[near]
+        length = np.linalg.norm(way, axis=1) * np.linalg.norm(outward[near], axis=1)
+        cosine = (way * outward[near]).sum(axis=1) / np.where(length > 0, length, 1.0)
+        told = np.where(degree[near] == 1, cosine, np.where(degree[near] == 0, 1.0, -1.0))
+        best = np.maximum(best, told)
+    return best
+
+
 def _without_small(plan: sparse.csr_array, floor: float) -> sparse.csr_array:
     rows = np.repeat(np.arange(plan.shape[0]), np.diff(plan.indptr))
     totals = np.bincount(rows, plan.data, minlength=plan.shape[0])

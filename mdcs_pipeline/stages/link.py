@@ -11,7 +11,7 @@ from scipy import sparse
 from mdcs_pipeline.arrays import IntArray
 from mdcs_pipeline.kernels.compiled.shares import top_shares
 from mdcs_pipeline.kernels.contact import contacts, relative_contact
-from mdcs_pipeline.kernels.links import Links, co_transport, unique_pairs, widened
+from mdcs_pipeline.kernels.links import Links, co_transport, straight_ahead, unique_pairs, widened
 from mdcs_pipeline.kernels.nerve import filled_triangles, open_triangles
 from mdcs_pipeline.kernels.spanning import spanning_links
 from mdcs_pipeline.messages import MassCloud, Nodes, RoughSkeleton, Surface, TransportPlan
@@ -49,7 +49,14 @@ class LinkSettings(Settings):
         0.0,
         ge=0,
         le=1,
-        description="The same as contact, for a link that joins two pieces.",
+        description="The same as contact, for a link that joins two pieces from their sides.",
+    )
+    joining_ahead: float = Field(
+        0.5,
+        ge=-1,
+        le=1,
+        description="Least cosine between an end and a link that goes on from it: such a link "
+        "joins two pieces over any contact.",
     )
     least_share: float = Field(
         0.01, ge=0, lt=1, description="Share from which a point counts as serving a node (IV.C)."
@@ -102,8 +109,10 @@ class Link(Stage[LinkSettings]):
             edges = unique_pairs(
                 np.concatenate([edges[~nodes.fixed[edges].all(axis=1)], _kept(nodes)])
             )
-        # Strands side by side share mass, and some stray points of theirs are neighbours.
-        touch = (near > 0) & (near >= settings.joining_contact)
+        # Strands side by side share mass, and stray points of theirs are neighbours.
+        ahead = straight_ahead(nodes.positions, edges, links.pairs)
+        firm = (near >= settings.joining_contact) | (ahead >= settings.joining_ahead)
+        touch = (near > 0) & firm
         joining = Links(links.pairs[touch], links.strength[touch])
         if touching is not None:
             joining = self._with_contacts(joining, touching)
