@@ -213,6 +213,14 @@ def test_of_two_facing_ends_one_may_be_closed_if_the_other_is_wide_open():
         assert bridged(ends, rule=never) == wanted
 
 
+def test_a_flat_end_is_no_rim_though_it_looks_open():
+    ends = [end(0, [0, 0, 0], [1, 0, 0]), end(1, [0.5, 0, 0], [-1, 0, 0])]
+    nodes = np.array([e.place for e in ends])
+    for scale, wanted in ((0.1, [[0, 1]]), (0.15, [[0, 1]]), (0.25, [])):
+        shore = Shore(nodes, np.array([0.1, scale]), NOWHERE, np.empty(0, np.int64))
+        assert bridges(NONE, ends, shore, BridgeRule(aim=2.0)).tolist() == wanted
+
+
 def test_a_ring_is_closed_along_its_circle_though_its_ends_look_away():
     # A gap of 200 degrees: the tangents of its ends stand 100 degrees off their chord.
     turn = np.deg2rad(80.0)

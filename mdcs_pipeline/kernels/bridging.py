@@ -38,6 +38,9 @@ class BridgeRule(NamedTuple):
         The same for a node of its own piece: it closes a loop.
     ratio : float
         Largest ratio of the two ends' radii.
+    girth : float
+        Least radius of two ends that face each other, in the local radius at their nodes: a rim
+        goes around its limb, and a flat hand, whose fingers look like a rim, does not.
     crowd : float
         A bridge between two ends that has more points than this around it, in those of its end,
         leads through the surface. One that is pierced brings about 0.08.
@@ -51,6 +54,7 @@ class BridgeRule(NamedTuple):
     aim: float = 0.5
     aim_within: float = 0.75
     ratio: float = 3.0
+    girth: float = 0.6
     crowd: float = 0.06
     crowd_aim: float = 0.03
 
@@ -160,8 +164,9 @@ def _cosine(end: End, goal: FloatArray) -> float:
 def _facing(ends: list[End], shore: Shore, rule: BridgeRule) -> list[tuple[float, int, int]]:
     """Return (length in radii over alignment, node, node) of the ends that face each other."""
     found = []
-    for k, a in enumerate(ends):
-        for b in ends[k + 1 :]:
+    round_ = [end for end in ends if end.radius >= rule.girth * shore.scale[end.node]]
+    for k, a in enumerate(round_):
+        for b in round_[k + 1 :]:
             gap = b.place - a.place
             length = float(np.linalg.norm(gap))
             large, small = max(a.radius, b.radius), min(a.radius, b.radius)

@@ -56,6 +56,11 @@ class BridgeSettings(Settings):
     ratio: float = Field(
         _RULE.ratio, ge=1, description="Largest ratio of the radii of two joined ends."
     )
+    girth: float = Field(
+        _RULE.girth,
+        ge=0,
+        description="Least radius of two ends that face each other, in their local radius.",
+    )
     crowd: float = Field(
         _RULE.crowd,
         ge=0,
