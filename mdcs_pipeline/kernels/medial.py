@@ -22,6 +22,7 @@ from scipy import sparse
 
 from mdcs_pipeline.kernels.compiled.grid import Grid, covering, grid_of, near_any, scattered
 from mdcs_pipeline.kernels.compiled.tangent import (
+    ANY,
     RING,
     bends,
     medians_alike,
@@ -50,8 +51,6 @@ _AROUND = 2.0
 _WIDE = 3.0
 # Neighbours whose normals are farther apart than this cosine are on another side of the limb.
 _ALIKE = 0.2
-# Under every cosine: those of opposite normals are rounded to either side of −1.
-_ANY = -2.0
 
 
 class MedialRule(NamedTuple):
@@ -180,7 +179,7 @@ def _balls(
         moved = sagging - heights * side
         level = fitted._replace(points=fitted.points + moved[:, None] * normals)
         rough = np.sqrt(np.maximum(spreads[:, 0] ** 2 - sagging**2, 0.0)) / first
-        rough = _shared(medians_alike, grid, normals, reach, rough, _ANY)
+        rough = _shared(medians_alike, grid, normals, reach, rough, ANY)
         again = rough > rule.rough
         if not again.any():
             break
@@ -199,7 +198,7 @@ def _balls(
     scatter = _shared(scatters, grid, around, places) / np.minimum(ball, _WIDE * first)
     trust = np.clip((rule.unsure - scatter) / (rule.unsure - rule.sure), 0.0, 1.0)
     beyond = np.where(grown, _AROUND * np.maximum(first, widths), 0.0)
-    trust = _shared(medians_alike, grid, normals, beyond, trust, _ANY)
+    trust = _shared(medians_alike, grid, normals, beyond, trust, ANY)
     # A ball that nothing stops says nothing of a middle.
     trust[ball >= most * (1.0 - 1e-9)] = 0.0
     # Nor has a line a normal, and what does not bend has no inside.

@@ -21,6 +21,9 @@ _WINDOW = 2048
 # A patch's moments: Σ m, Σ m x, y, z and Σ m xx, xy, xz, yy, yz, zz.
 _MOMENTS = 10
 _FAR = np.float32(1e30)
+# Sources that grow their patches together lie within so much of the ball that holds them all:
+# one around scattered sources would be the whole cloud.
+_SPREAD = 0.3
 #: Stands for the radius of a patch that has not closed within those that were tried.
 WIDER = -1.0
 
@@ -217,6 +220,7 @@ def closing_patches(
         order, widest = box_order(points[sources[todo]], LANES), wanted
         for start in range(0, len(todo), LANES):
             lanes = todo[order[start : start + LANES]]
+            lanes = _near_middle(points, sources, lanes, _SPREAD * wanted)
             needed = _grow_together(
                 indptr, indices, lengths, points, mass, sources, radii, closed, final, lanes,
                 wanted, place, scale, reach, centre,
@@ -224,8 +228,19 @@ def closing_patches(
             widest = max(widest, wanted)
             # Neighbours close at like sizes; a ball too small is grown in vain.
             wanted = max(0.8 * wanted, needed) if needed > 0.0 else wanted
-        todo, wanted = todo[np.isnan(reach[todo])], 2.0 * widest
+        todo, wanted = todo[np.isnan(reach[todo])], (2.0 if final else 1.0) * widest
     return scale, reach, centre
+
+
+@njit(cache=True, nogil=True)
+def _near_middle(points: FloatArray, sources: IntArray, lanes: IntArray, away: float) -> IntArray:
+    """Return the lanes whose sources are within `away` of the middle one."""
+    middle = points[sources[lanes[_central(points, sources[lanes])]]]
+    kept, count = np.empty_like(lanes), 0
+    for lane in lanes:
+        kept[count] = lane
+        count += np.square(points[sources[lane]] - middle).sum() <= away * away
+    return kept[:count]
 
 
 @njit(cache=True, nogil=True)
