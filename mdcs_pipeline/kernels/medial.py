@@ -24,6 +24,7 @@ from mdcs_pipeline.kernels.compiled.grid import Grid, covering, grid_of, near_an
 from mdcs_pipeline.kernels.compiled.tangent import (
     ANY,
     RING,
+    agreed,
     bends,
     medians_alike,
     patch_planes,
@@ -245,15 +246,8 @@ def _outwards(normals: FloatArray, bend: FloatArray, graph: sparse.csr_array) ->
     Each point's own evidence is the bend of the surface; neighbours whose normals are parallel
     lend each other theirs.
     """
-    links = sparse.coo_array(graph)
-    cosine = np.einsum("ea,ea->e", normals[links.row], normals[links.col])
-    weights = sparse.csr_array((cosine * np.abs(cosine), (links.row, links.col)), links.shape)
-    total = np.maximum(np.bincount(links.row, cosine**2, minlength=len(normals)), 1e-9)
     own = np.clip(3.0 * bend, -1.0, 1.0)
-    said = own
-    for _ in range(_ROUNDS):
-        said = _OWN * own + (1.0 - _OWN) * (weights @ np.clip(said, -1.0, 1.0)) / total
-    return said
+    return agreed(graph.indptr, graph.indices, normals, own, _OWN, _ROUNDS)
 
 
 def without_gaps(

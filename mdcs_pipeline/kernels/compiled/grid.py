@@ -105,10 +105,10 @@ def row_of(
     """Return where the points of the cells (i, j, first … last) begin and end."""
     if len(starts) > 0:
         row = (i * shape[1] + j) * shape[2]
-        return starts[row + first], starts[row + last + 1]
+        return int(starts[row + first]), int(starts[row + last + 1])
     key = (i * _MOST + j) * _MOST
     start = np.searchsorted(keys, key + first)
-    return np.int64(start), np.int64(np.searchsorted(keys, key + last, side="right"))
+    return int(start), int(np.searchsorted(keys, key + last, side="right"))
 
 
 @njit(cache=True, nogil=True)

@@ -73,7 +73,10 @@ def median_of(keys: FloatArray, count: int, ranks: IntArray) -> float:
         lower = upper if count % 2 == 1 else keys[:middle].max()
         return float((lower + upper) / 2.0)
     ranks_of(keys, count, ranks)
-    total = 0.0
+    lower = upper = 0.0
     for k in range(count):
-        total += keys[k] * ((ranks[k] == middle) + (ranks[k] == (count - 1) // 2))
-    return total / 2.0
+        if ranks[k] == middle:
+            upper = keys[k]
+        if ranks[k] == (count - 1) // 2:
+            lower = keys[k]
+    return float((lower + upper) / 2.0)

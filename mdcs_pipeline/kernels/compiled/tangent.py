@@ -206,3 +206,40 @@ def scatters(
             principal(moments, values, vectors)
             result[at] = np.sqrt(max(values[0] + values[1], 0.0))
     return result
+
+
+@njit(cache=True, nogil=True)
+def agreed(
+    indptr: IntArray,
+    indices: IntArray,
+    normals: FloatArray,
+    own: FloatArray,
+    share: float,
+    rounds: int,
+) -> FloatArray:
+    """Return what points say after rounds in which each listens to its neighbours.
+
+    s_i ← share · own_i + (1 − share) Σ_j c_ij |c_ij| clip(s_j, −1, 1) / Σ_j c_ij², with the
+    cosines c_ij of the normals at both ends of a link (CSR).
+    """
+    n = len(own)
+    weights, total = np.empty(len(indices)), np.empty(n)
+    for i in range(n):
+        squares = 0.0
+        for e in range(indptr[i], indptr[i + 1]):
+            j, cosine = indices[e], 0.0
+            for a in range(3):
+                cosine += normals[i, a] * normals[j, a]
+            weights[e] = cosine * abs(cosine)
+            squares += cosine * cosine
+        total[i] = max(squares, 1e-9)
+    said, heard = own.copy(), np.empty(n)
+    for _ in range(rounds):
+        for k in range(n):
+            heard[k] = min(max(said[k], -1.0), 1.0)
+        for i in range(n):
+            lent = 0.0
+            for e in range(indptr[i], indptr[i + 1]):
+                lent += weights[e] * heard[indices[e]]
+            said[i] = share * own[i] + (1.0 - share) * lent / total[i]
+    return said

@@ -94,17 +94,17 @@ def _limit_ball(
         _limit_by(points, here, normal, (0, len(points)), limit, least)
         return
     for a in range(x[0], x[1] + 1):
+        # The ball is cut into slabs; to round off their edges takes longer than to look there.
         low = corner[0] + a * edge
         off = max(low - c0, c0 - low - edge, 0.0)
-        left = wide * wide - off * off
+        half = np.sqrt(max(wide * wide - off * off, 0.0)) + 1e-9 * wide
+        y = span_of(corner[1], edge, shape[1], c1 - half, c1 + half)
+        z = span_of(corner[2], edge, shape[2], c2 - half, c2 + half)
+        if z[0] > z[1]:
+            continue
         for b in range(y[0], y[1] + 1):
-            low = corner[1] + b * edge
-            off = max(low - c1, c1 - low - edge, 0.0)
-            half = np.sqrt(max(left - off * off, 0.0)) + 1e-9 * wide
-            z = span_of(corner[2], edge, shape[2], c2 - half, c2 + half)
-            if z[0] <= z[1]:
-                rows = row_of(starts, keys, shape, a, b, z[0], z[1])
-                _limit_by(points, here, normal, rows, limit, least)
+            rows = row_of(starts, keys, shape, a, b, z[0], z[1])
+            _limit_by(points, here, normal, rows, limit, least)
 
 
 @njit(cache=True, nogil=True)
