@@ -8,6 +8,7 @@ from problems import line
 from scipy.spatial.distance import cdist
 
 from mdcs_pipeline.kernels.bridging import BridgeRule, Shore, bridges
+from mdcs_pipeline.kernels.courses import Course
 from mdcs_pipeline.kernels.ends import End, limb_ends, lone_segments, stretched
 from mdcs_pipeline.kernels.nearest import nearest
 from mdcs_pipeline.kernels.rims import free_angle
@@ -82,7 +83,7 @@ def test_a_capped_end_is_closed_and_a_cut_one_is_open():
         # The node stands in the middle of its rim, which then points nowhere.
         assert not place[x].rimward.any()
     for x in (0.0, 1.0):
-        assert place[x].openness < 0.5 * BridgeRule().openness
+        assert place[x].openness < 0.1
 
 
 def test_an_end_without_points_or_length_is_none():
@@ -168,7 +169,9 @@ def test_a_bridge_does_not_lead_through_the_surface():
 
 def end(node: int, place, outward, radius: float = 0.1, openness: float = 1.0) -> End:
     outward = np.array(outward, float) / np.linalg.norm(outward)
-    return End(node, np.array(place, float), outward, radius, openness, radius, np.zeros(3))
+    course = Course(outward, np.zeros(3))
+    place = np.array(place, float)
+    return End(node, place, outward, radius, openness, radius, np.zeros(3), course)
 
 
 def bridged(
@@ -187,13 +190,53 @@ def test_only_open_ends_of_like_radius_that_face_each_other_are_joined():
     never = BridgeRule(aim=2.0)
     assert bridged([end(0, [0, 0, 0], right), end(1, near, left)], rule=never) == [[0, 1]]
     for other in (
-        end(1, near, left, openness=0.1),
         end(1, near, right),
         end(1, near, left, radius=0.4),
         end(1, [2, 0, 0], left),
         end(1, [0, 0, 0], left),
     ):
         assert bridged([end(0, [0, 0, 0], right), other], rule=never) == []
+
+
+def test_of_two_facing_ends_one_may_be_closed_if_the_other_is_wide_open():
+    never = BridgeRule(aim=2.0, openness=0.3)
+    for here, there, wanted in (
+        (0.6, 0.0, [[0, 1]]),
+        (0.5, 0.0, []),
+        (0.2, 0.5, [[0, 1]]),
+        (5.0, -0.5, []),
+    ):
+        ends = [
+            end(0, [0, 0, 0], [1, 0, 0], openness=here),
+            end(1, [0.5, 0, 0], [-1, 0, 0], openness=there),
+        ]
+        assert bridged(ends, rule=never) == wanted
+
+
+def test_a_ring_is_closed_along_its_circle_though_its_ends_look_away():
+    # A gap of 200 degrees: the tangents of its ends stand 100 degrees off their chord.
+    turn = np.deg2rad(80.0)
+    tangent = np.array([-np.sin(turn), np.cos(turn), 0])
+    one = end(0, [np.cos(turn), np.sin(turn), 0], tangent, radius=0.2)
+    other = end(1, one.place * [1, -1, 1], tangent * [1, -1, 1], radius=0.2)
+    never = BridgeRule(aim=2.0)
+    assert bridged([one, other], rule=never) == []
+    ends = [e._replace(course=Course(e.outward, -e.place)) for e in (one, other)]
+    assert bridged(ends, rule=never) == [[0, 1]]
+
+
+def test_a_wall_across_the_chord_does_not_hide_the_bent_way():
+    ends = [end(0, [0, 0, 0], [0, 1, 0]), end(1, [0.6, 0, 0], [0, 1, 0])]
+    nodes = np.array([e.place for e in ends])
+    rng = np.random.default_rng(0)
+    wall = np.column_stack([np.full(300, 0.3), rng.uniform(-0.15, 0.15, (300, 2))])
+    higher = wall + np.array([0, 0.25, 0])
+    # Ends of one half circle: looking aside is no fault.
+    rule = BridgeRule(aim=2.0, facing=-0.1)
+    for points, wanted in ((wall, [[0, 1]]), (np.concatenate([wall, higher]), [])):
+        owner = np.zeros(len(points), np.int64)
+        shore = Shore(nodes, np.full(2, 0.1), points, owner)
+        assert bridges(NONE, ends, shore, rule).tolist() == wanted
 
 
 def test_the_best_bridge_goes_first_and_each_end_has_one():
@@ -220,6 +263,18 @@ def test_bridges_that_cross_in_a_hole_are_tied():
     assert [0, 1] in built
     assert [2, 3] in built
     assert len(built) == 3
+
+
+def test_where_all_of_a_t_is_missing_the_stem_is_tied_to_the_bridge():
+    ends = [
+        end(0, [0, 0, 0], [1, 0, 0]),
+        end(1, [0.6, 0, 0], [-1, 0, 0]),
+        end(2, [0.25, 0.4, 0], [0, -1, 0]),
+    ]
+    assert bridged(ends, rule=BridgeRule()) == [[0, 1], [0, 2]]
+    # One that looks away is not.
+    away = end(2, ends[2].place, [0, 1, 0])
+    assert bridged([*ends[:2], away], rule=BridgeRule()) == [[0, 1]]
 
 
 def test_an_open_end_that_is_left_aims_at_another_piece():

@@ -6,12 +6,19 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
+from mdcs_pipeline.kernels.courses import smooth_way
 from mdcs_pipeline.kernels.ends import End
 from mdcs_pipeline.kernels.spanning import piece_labels
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+
+# Taken off the sum of two cosines: alignment then counts for more than a shorter bridge does.
+_SLACK = 0.5
+# Where a bridge is looked at as something to aim at: not at its ends.
+_BETWEEN = (0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875)
 
 
 class BridgeRule(NamedTuple):
@@ -20,11 +27,11 @@ class BridgeRule(NamedTuple):
     Parameters
     ----------
     openness : float
-        Least openness of an end.
+        Least openness of an end, for two that face each other the mean of both.
     reach : float
         Longest bridge, in the larger radius of its ends.
     facing : float
-        Least cosine between an end's direction and the bridge, for two open ends.
+        Least cosine between an end's course and the bridge, for two open ends.
     aim : float
         The same for an open end that meets a node of another piece.
     aim_within : float
@@ -32,17 +39,20 @@ class BridgeRule(NamedTuple):
     ratio : float
         Largest ratio of the two ends' radii.
     crowd : float
-        A bridge that has more points than this around it, in those of its end, leads through
-        the surface. One that is pierced brings about 0.08.
+        A bridge between two ends that has more points than this around it, in those of its end,
+        leads through the surface. One that is pierced brings about 0.08.
+    crowd_aim : float
+        The same for an end that aims at something that does not face it.
     """
 
-    openness: float = 0.2
+    openness: float = 0.15
     reach: float = 10.0
-    facing: float = 0.25
+    facing: float = 0.3
     aim: float = 0.5
     aim_within: float = 0.75
     ratio: float = 3.0
-    crowd: float = 0.03
+    crowd: float = 0.06
+    crowd_aim: float = 0.03
 
 
 class Shore(NamedTuple):
@@ -63,6 +73,19 @@ class Shore(NamedTuple):
     points: FloatArray
     owner: IntArray
 
+    def walled(self, a: End, b: End, crowd: float) -> bool:
+        """Return whether the straight and the bent way between two ends both pierce the surface."""
+        if not (self.pierced(a, b.place, crowd) or self.pierced(b, a.place, crowd)):
+            return False
+        way = smooth_way(a.place, a.outward, b.place, b.outward)
+        distance, nearest = (np.asarray(found) for found in cKDTree(way).query(self.points))
+        between = (nearest > 0) & (nearest < len(way) - 1)
+        return any(self._crowded(distance[between], end, crowd) for end in (a, b))
+
+    def _crowded(self, distance: FloatArray, end: End, crowd: float) -> bool:
+        near = np.count_nonzero(distance < 0.5 * end.radius)
+        return bool(near > crowd * np.count_nonzero(self.owner == end.node))
+
     def pierced(self, end: End, goal: FloatArray, crowd: float) -> bool:
         """Return whether the way from an end to `goal` leads through the surface.
 
@@ -75,18 +98,18 @@ class Shore(NamedTuple):
         along = offset @ way / length
         between = (along > 0) & (along < length)
         across = np.linalg.norm(offset[between] - np.outer(along[between] / length, way), axis=1)
-        near = np.count_nonzero(across < 0.5 * end.radius)
-        return bool(near > crowd * np.count_nonzero(self.owner == end.node))
+        return self._crowded(across, end, crowd)
 
 
 def bridges(pairs: IntArray, ends: list[End], shore: Shore, rule: BridgeRule) -> IntArray:
     """Return edges that join open ends to each other, or to what they aim at.
 
-    Two open ends are joined when each lies ahead of the other, best first, each end once. One
-    that is left over is joined to an end that it faces, taken or not: where a junction of
-    three limbs is missing; or to any node that it aims at: where a limb was cut off at its root.
-    No bridge leads through the surface, so that both its ends are open to it. Bridges that cross
-    are tied together: where a crossing is missing.
+    Two ends are joined when each lies on the course of the other, best first, each end once. An
+    open one that is left over is joined to an end that it faces, taken or not: where a junction
+    of three limbs is missing; to any node that it aims at: where a limb was cut off at its root;
+    or to a bridge that it aims at: where all of a T is missing. No bridge leads through the
+    surface, so that both its ends are open to it. Bridges that cross are tied together: where a
+    crossing is missing.
 
     Parameters
     ----------
@@ -99,22 +122,24 @@ def bridges(pairs: IntArray, ends: list[End], shore: Shore, rule: BridgeRule) ->
     -------
     (B, 2) int64
     """
-    opened = [end for end in ends if end.openness >= rule.openness]
     built: list[tuple[int, int]] = []
     # A slice of a pipe is open at both sides.
-    free = {end.node: 1 if end.outward.any() else 2 for end in opened}
-    for _, a, b in sorted(_facing(opened, shore, rule)):
+    free = {end.node: 1 if end.outward.any() else 2 for end in ends}
+    for _, a, b in sorted(_facing(ends, shore, rule)):
         if free[a] > 0 and free[b] > 0:
             free[a] -= 1
             free[b] -= 1
             built.append((a, b))
+    opened = [end for end in ends if end.openness >= rule.openness]
     for end in opened:
         if free[end.node] > 0 and not any(end.node in pair for pair in built):
             joined = np.concatenate([pairs, _as_pairs(built)])
             ahead = _ahead(end, opened, shore, piece_labels(len(shore.nodes), joined), rule)
+            if ahead is None:
+                ahead = _across(end, built, shore, rule)
             if ahead is not None:
                 built.append((end.node, ahead))
-    radius = {end.node: end.radius for end in opened}
+    radius = {end.node: end.radius for end in ends}
     return _as_pairs(built + _ties(built, shore.nodes, radius))
 
 
@@ -137,14 +162,21 @@ def _facing(ends: list[End], shore: Shore, rule: BridgeRule) -> list[tuple[float
     found = []
     for k, a in enumerate(ends):
         for b in ends[k + 1 :]:
-            length = float(np.linalg.norm(b.place - a.place))
+            gap = b.place - a.place
+            length = float(np.linalg.norm(gap))
             large, small = max(a.radius, b.radius), min(a.radius, b.radius)
+            openness = 0.5 * (min(a.openness, 1.0) + min(b.openness, 1.0))
             if length == 0.0 or length > rule.reach * large or large > rule.ratio * small:
                 continue
-            ahead = _cosine(a, b.place), _cosine(b, a.place)
-            if min(ahead) < rule.facing or shore.pierced(a, b.place, rule.crowd):
+            ahead = (
+                max(_cosine(a, b.place), a.course.cosine(gap)),
+                max(_cosine(b, a.place), b.course.cosine(-gap)),
+            )
+            if min(ahead) < rule.facing or openness < rule.openness:
                 continue
-            found.append((length / large / sum(ahead), a.node, b.node))
+            if not shore.walled(a, b, rule.crowd):
+                alignment = max(sum(ahead) - _SLACK, 0.1)
+                found.append((length / large / alignment, a.node, b.node))
     return found
 
 
@@ -164,8 +196,22 @@ def _ahead(
         faces = node in ends and _cosine(ends[node], end.place) >= rule.facing
         straight = float(end.outward @ (shore.nodes[node] - end.place)) / length[node]
         apart = piece[node] != piece[end.node] or straight >= rule.aim_within
-        if (faces or apart) and not shore.pierced(end, shore.nodes[node], rule.crowd):
+        if (faces or apart) and not shore.pierced(end, shore.nodes[node], rule.crowd_aim):
             best, goal = length[node] / cosine, node
+    return goal
+
+
+def _across(end: End, built: list[tuple[int, int]], shore: Shore, rule: BridgeRule) -> int | None:
+    """Return the nearer end of the bridge that a left-over end aims at, if any."""
+    best, goal = np.inf, None
+    for a, b in built:
+        for t in _BETWEEN:
+            place = (1.0 - t) * shore.nodes[a] + t * shore.nodes[b]
+            length, cosine = float(np.linalg.norm(place - end.place)), _cosine(end, place)
+            if length > rule.reach * end.radius or cosine < rule.aim or length >= best * cosine:
+                continue
+            if not shore.pierced(end, place, rule.crowd):
+                best, goal = length / cosine, a if t < 0.5 else b
     return goal
 
 

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mdcs_pipeline.kernels.courses import Course, course_of
 from mdcs_pipeline.kernels.cycles import neighbour_sets
 
 FloatArray = NDArray[np.float64]
@@ -19,6 +20,8 @@ BoolArray = NDArray[np.bool_]
 
 # Share of the points beyond each end of a stretch: they are noise.
 _TAIL = 0.03
+# Stretch of a limb that tells how it bends, in radii: longer than the noise of its nodes.
+_BEHIND = 6.0
 # Places that lie nearer than this to a line, in their radius, are its axis.
 _ON_LINE = 0.35
 
@@ -41,6 +44,8 @@ class End(NamedTuple):
     rimward : (3,) float64
         Unit vector to the middle of its rim, 0 without one: where a corner is missing it differs
         from the limb's direction.
+    course : Course
+        How the limb goes on, as it has bent before its end.
     """
 
     node: int
@@ -50,6 +55,7 @@ class End(NamedTuple):
     openness: float
     extent: float
     rimward: FloatArray
+    course: Course
 
 
 def _limb(near: list[set[int]], leaf: int, nodes: FloatArray, length: float) -> list[int]:
@@ -96,7 +102,8 @@ def limb_ends(
             length = float(np.linalg.norm(outward))
             mine = np.flatnonzero(np.isin(owner, chain[:2]))
             if length > 0.0 and len(mine) >= 4:
-                ends.append(_end(node, nodes[node], outward / length, points, mine, rim))
+                course = course_of(nodes[_limb(near, node, nodes, _BEHIND * float(scale[node]))])
+                ends.append(_end(node, nodes[node], outward / length, course, points, mine, rim))
         elif not partners and rim is not None:
             mine = np.flatnonzero(owner == node)
             if len(mine) >= 4:
@@ -108,6 +115,7 @@ def _end(
     node: int,
     place: FloatArray,
     outward: FloatArray,
+    course: Course,
     points: FloatArray,
     mine: IntArray,
     rim: BoolArray | None,
@@ -122,7 +130,7 @@ def _end(
     rimward = np.zeros(3)
     if rim is not None:
         rimward = _towards(offset[rim[mine] & (along > 0.1 * radius)], 0.25 * radius)
-    return End(node, place, outward, radius, openness, extent, rimward)
+    return End(node, place, outward, radius, openness, extent, rimward, course)
 
 
 def _towards(offset: FloatArray, least: float) -> FloatArray:
@@ -136,7 +144,8 @@ def _lone(node: int, place: FloatArray, points: FloatArray, rim: BoolArray) -> E
     distance = np.linalg.norm(points - place, axis=1)
     # A slice of a pipe is outermost at both sides: about half of its points are.
     radius, openness = float(np.median(distance)), 2.0 * float(np.mean(rim))
-    return End(node, place, np.zeros(3), radius, openness, 0.0, np.zeros(3))
+    nowhere = np.zeros(3)
+    return End(node, place, nowhere, radius, openness, 0.0, nowhere, Course(nowhere, nowhere))
 
 
 def stretched(nodes: FloatArray, ends: list[End]) -> FloatArray:

@@ -32,7 +32,8 @@ class BridgeSettings(Settings):
         _RULE.openness,
         ge=0,
         le=1,
-        description="Share of rim points among an end's outermost from which it is cut open.",
+        description="Share of rim points among an end's outermost from which it is cut open; of "
+        "two that face each other the mean.",
     )
     reach: float = Field(
         _RULE.reach, gt=0, description="Longest bridge, in the larger end's radius."
@@ -58,7 +59,11 @@ class BridgeSettings(Settings):
     crowd: float = Field(
         _RULE.crowd,
         ge=0,
-        description="Points in the way of a bridge, in those of its end, from which it is refused.",
+        description="Points in the way between two ends, in those of an end, from which it is "
+        "refused.",
+    )
+    crowd_aim: float = Field(
+        _RULE.crowd_aim, ge=0, description="The same where an end aims at what does not face it."
     )
 
 
