@@ -17,9 +17,10 @@ from mdcs_pipeline.kernels.compiled.heap import heap_drop, heap_push
 from mdcs_pipeline.kernels.compiled.patches import (
     WIDER,
     closing_patches,
-    middle_eigenvalue,
 )
+from mdcs_pipeline.kernels.compiled.selecting import FEW, LANES, median_of, ranks_of, select
 from mdcs_pipeline.kernels.compiled.spreading import spread_minimum
+from mdcs_pipeline.kernels.compiled.symmetric import middle_eigenvalue
 from mdcs_pipeline.kernels.density import area_mass, neighbour_radius
 from mdcs_pipeline.kernels.nearest import nearest
 from mdcs_pipeline.kernels.outliers import lonely_points, roundness
@@ -189,6 +190,56 @@ def test_a_point_is_no_neighbour_of_itself_where_points_coincide():
         exact = np.linalg.norm(points[:, None] - points[found.indices], axis=2)
         np.testing.assert_allclose(found.distance, exact)
     assert surface_graph(points, 2, 0).graph.diagonal().sum() == 0.0
+
+
+def _crowds(seed: int) -> dict[str, np.ndarray]:
+    """Clouds that no one size of cell fits."""
+    rng = np.random.default_rng(seed)
+    ball = rng.normal(size=(700, 3))
+    return {
+        "surface": ball / np.linalg.norm(ball, axis=1, keepdims=True),
+        "a crowd and some far away": np.concatenate([1e-3 * ball, 30.0 * ball[:40]]),
+        "more in a cell than are looked through": np.concatenate(
+            [1e-6 * rng.normal(size=(2600, 3)), ball]
+        ),
+        "outliers beyond counting": np.concatenate([ball, 1e9 * ball[:3]]),
+        "twice the same": np.repeat(ball, 2, axis=0),
+        "mostly one place": np.concatenate([np.zeros((600, 3)), ball]),
+        "a line": np.outer(np.arange(800.0), [1.0, 2.0, 3.0]),
+    }
+
+
+@pytest.mark.parametrize("name", list(_crowds(0)))
+@pytest.mark.parametrize("count", [1, 8, 16, 100])
+def test_neighbours_by_cells_are_those_of_brute_force_however_points_crowd(name, count):
+    """Clouds of a few points are left to a tree: smaller ones would not see the cells."""
+    points = _crowds(1)[name]
+    found = nearest(points, count)
+    apart = cdist(points, points)
+    np.fill_diagonal(apart, np.inf)
+    np.testing.assert_allclose(
+        found.distance, np.sort(apart, axis=1)[:, :count], rtol=1e-6, atol=1e-12
+    )
+    named = np.take_along_axis(apart, found.indices, axis=1)
+    np.testing.assert_allclose(named, found.distance, rtol=1e-6, atol=1e-12)
+    assert all(len(set(row)) == count for row in found.indices.tolist())
+
+
+@BOTH
+@given(seed=SEEDS, count=st.integers(1, FEW + 20))
+@settings(max_examples=15, deadline=None)
+def test_ranks_medians_and_selections_are_those_of_sorting(plain, seed, count):
+    """Both ways to a median are taken, and keys are equal now and then."""
+    keys = np.random.default_rng(seed).integers(0, 30, count).astype(float)
+    room, ranks = np.concatenate([keys, np.zeros(LANES)]), np.empty(count + LANES, np.int64)
+    (ranks_of.py_func if plain else ranks_of)(room, count, ranks)
+    np.testing.assert_array_equal(ranks[:count], np.argsort(np.argsort(keys, kind="stable")))
+    assert (median_of.py_func if plain else median_of)(room, count, ranks) == np.median(keys)
+    order, held, middle = np.arange(count), keys.copy(), count // 3
+    (select.py_func if plain else select)(held, 0, count, middle, order)
+    np.testing.assert_array_equal(held, keys[order])
+    assert held[middle] == np.sort(keys)[middle]
+    assert held[:middle].max(initial=-1.0) <= held[middle] <= held[middle:].min()
 
 
 def test_fewer_points_have_fewer_neighbours():

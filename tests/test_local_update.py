@@ -13,9 +13,20 @@ from mdcs_pipeline.kernels.covering import fallen_apart, nearest_node
 from mdcs_pipeline.kernels.merging import close_pairs
 from mdcs_pipeline.kernels.optimise import Descent, optimise
 from mdcs_pipeline.kernels.problem import Accuracy, Problem
-from mdcs_pipeline.messages import MassCloud, Nodes, TransportPlan, UnitFrame
+from mdcs_pipeline.messages import (
+    Header,
+    MassCloud,
+    Nodes,
+    RoughSkeleton,
+    Thickness,
+    TransportPlan,
+    UnitFrame,
+)
+from mdcs_pipeline.scene.region import Region
 from mdcs_pipeline.stages.link import Link
 from mdcs_pipeline.stages.merge import Merge
+from mdcs_pipeline.stages.prune import Prune
+from mdcs_pipeline.stages.recall import Recall
 from mdcs_pipeline.stages.surface import SurfaceGraph
 from mdcs_pipeline.stages.thickness import LocalThickness
 from mdcs_pipeline.stages.transport import Transport
@@ -144,3 +155,63 @@ def test_nodes_hold_what_an_update_needs_through_a_merge() -> None:
     assert merged.fixed.tolist()[0]
     assert merged.beyond.tolist()[0] == 7
     assert (merged.beyond[1:] == -1).all()
+
+
+def spurred(fixed: list[bool]) -> tuple[MassCloud, RoughSkeleton]:
+    """Return a rod with a node beside its middle: a spur."""
+    places = np.array([[-0.8, 0, 0], [0.0, 0, 0], [0.8, 0, 0], [0.0, 0.02, 0]])
+    nodes = Nodes(places, np.full(4, 1 / 4), scale=np.full(4, 0.5), fixed=np.array(fixed))
+    cloud = rod_cloud()
+    owner = np.argmin(np.linalg.norm(cloud.positions[:, None] - places, axis=2), axis=1)
+    entries = (cloud.mass, (np.arange(len(cloud)), owner))
+    plan = TransportPlan(
+        plan=sparse.csr_array(entries, shape=(len(cloud), 4)),
+        nodes=nodes,
+        point_potentials=np.zeros(len(cloud)),
+        epsilon=1.0,
+        iterations=1,
+        marginal_error=0.0,
+        converged=True,
+        warm=False,
+    )
+    edges = np.array([[0, 1], [1, 2], [1, 3]])
+    return cloud, RoughSkeleton(plan, edges, np.ones(4, dtype=bool))
+
+
+def test_a_free_spur_goes_and_its_fixed_junction_stays_to_the_bit() -> None:
+    cloud, rough = spurred([False, True, False, False])
+    nodes = Prune(cover=0.0)(cloud, rough).rough.nodes
+    assert nodes.ids.tolist() == rough.nodes.ids[:3].tolist()
+    np.testing.assert_array_equal(nodes.positions[1], rough.nodes.positions[1])
+    assert nodes.scale[1] == rough.nodes.scale[1]
+    free = Prune(cover=0.0)(*spurred([False] * 4)).rough.nodes
+    assert len(free) == 3
+    assert free.positions[1, 1] > 0.0
+
+
+def test_a_fixed_spur_is_not_an_updates_to_shed() -> None:
+    """It may be a limb that goes on outside; pruning knew of no fixed nodes before."""
+    cloud, rough = spurred([False, False, False, True])
+    assert len(Prune(cover=0.0)(cloud, rough).rough.nodes) == 4
+
+
+def test_recall_gives_back_radius_and_middle_of_what_is_not_taken() -> None:
+    none = np.empty(0, np.int64)
+    known = Region(
+        header=Header(),
+        slots=np.arange(3),
+        taken=np.array([True, False, False]),
+        owner=np.array([4, 4, -1]),
+        radius=np.array([1.0, 2.0, 0.0]),
+        middle=np.full((3, 3), 9.0),
+        grown=none,
+        active=none,
+        ring=none,
+        next_id=5,
+        figures={},
+    )
+    found = Recall()(known, Thickness(np.full(3, 7.0), np.ones(3), np.zeros((3, 3)))).thickness
+    assert found.radius.tolist() == [7.0, 2.0, 7.0]
+    assert found.centre is not None
+    assert found.centre[:, 0].tolist() == [0.0, 9.0, 0.0]
+    assert Recall()(known, Thickness(np.full(3, 7.0), np.ones(3))).thickness.centre is None

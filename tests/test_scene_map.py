@@ -12,7 +12,10 @@ from scipy.spatial.distance import cdist
 
 from mdcs_pipeline.errors import InputError
 from mdcs_pipeline.kernels.compiled.hashing import FARTHEST
+from mdcs_pipeline.messages import Header, PointCloud
 from mdcs_pipeline.scene.graph import Chain, SceneGraph, SceneNode, pair_of
+from mdcs_pipeline.scene.integrate import FrameRule, add_frame
+from mdcs_pipeline.scene.state import Scene
 from mdcs_pipeline.scene.voxels import VoxelMap
 
 SIZE = 0.5
@@ -71,6 +74,41 @@ def test_a_voxel_is_surface_from_its_least_hits_on() -> None:
     _, fresh, moved = held.add(point, 2, 3, 100, 0.3)
     assert len(fresh) == 1
     assert not len(moved)
+
+
+def first(points: np.ndarray) -> Scene:
+    scene = Scene()
+    add_frame(scene, PointCloud(points, header=Header("map", 1, 0)), FrameRule(voxel_size=1.0))
+    return scene
+
+
+def spread(count: int, hits: int) -> np.ndarray:
+    """Return `hits` points in the middle of each of `count` voxels that lie apart."""
+    at = np.arange(count)[:, None] * [3.0, 0.0, 0.0] + 0.5
+    return np.repeat(at - at.mean(axis=0).round(), hits, axis=0)
+
+
+def test_a_sparse_first_frame_is_all_surface() -> None:
+    """1,500 points fall into nearly as many voxels; none of them was surface before."""
+    scene = first(spread(50, 1))
+    assert scene.world is not None
+    assert np.count_nonzero(scene.world.voxels.live) == 50
+    assert len(scene.changed) == 50
+
+
+def test_a_dense_first_frame_keeps_its_stray_points_out() -> None:
+    dense, stray = spread(20, 3), spread(40, 1) + np.array([0.0, 50.0, 0.0])
+    scene = first(np.concatenate([dense, stray]))
+    assert scene.world is not None
+    assert np.count_nonzero(scene.world.voxels.live) == 20
+
+
+def test_a_sparse_frame_later_on_is_not_taken_at_its_word() -> None:
+    scene = first(spread(20, 3))
+    more = PointCloud(spread(20, 1) + np.array([0.0, 50.0, 0.0]), header=Header("map", 2, 1))
+    add_frame(scene, more, FrameRule(voxel_size=1.0))
+    assert scene.world is not None
+    assert np.count_nonzero(scene.world.voxels.live) == 20
 
 
 def test_hits_that_come_too_seldom_are_noise() -> None:

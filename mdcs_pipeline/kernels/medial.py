@@ -22,7 +22,9 @@ from scipy import sparse
 
 from mdcs_pipeline.kernels.compiled.grid import Grid, covering, grid_of, near_any, scattered
 from mdcs_pipeline.kernels.compiled.tangent import (
+    ANY,
     RING,
+    agreed,
     bends,
     medians_alike,
     patch_planes,
@@ -50,8 +52,6 @@ _AROUND = 2.0
 _WIDE = 3.0
 # Neighbours whose normals are farther apart than this cosine are on another side of the limb.
 _ALIKE = 0.2
-# Under every cosine: those of opposite normals are rounded to either side of −1.
-_ANY = -2.0
 
 
 class MedialRule(NamedTuple):
@@ -180,7 +180,7 @@ def _balls(
         moved = sagging - heights * side
         level = fitted._replace(points=fitted.points + moved[:, None] * normals)
         rough = np.sqrt(np.maximum(spreads[:, 0] ** 2 - sagging**2, 0.0)) / first
-        rough = _shared(medians_alike, grid, normals, reach, rough, _ANY)
+        rough = _shared(medians_alike, grid, normals, reach, rough, ANY)
         again = rough > rule.rough
         if not again.any():
             break
@@ -199,7 +199,7 @@ def _balls(
     scatter = _shared(scatters, grid, around, places) / np.minimum(ball, _WIDE * first)
     trust = np.clip((rule.unsure - scatter) / (rule.unsure - rule.sure), 0.0, 1.0)
     beyond = np.where(grown, _AROUND * np.maximum(first, widths), 0.0)
-    trust = _shared(medians_alike, grid, normals, beyond, trust, _ANY)
+    trust = _shared(medians_alike, grid, normals, beyond, trust, ANY)
     # A ball that nothing stops says nothing of a middle.
     trust[ball >= most * (1.0 - 1e-9)] = 0.0
     # Nor has a line a normal, and what does not bend has no inside.
@@ -246,15 +246,8 @@ def _outwards(normals: FloatArray, bend: FloatArray, graph: sparse.csr_array) ->
     Each point's own evidence is the bend of the surface; neighbours whose normals are parallel
     lend each other theirs.
     """
-    links = sparse.coo_array(graph)
-    cosine = np.einsum("ea,ea->e", normals[links.row], normals[links.col])
-    weights = sparse.csr_array((cosine * np.abs(cosine), (links.row, links.col)), links.shape)
-    total = np.maximum(np.bincount(links.row, cosine**2, minlength=len(normals)), 1e-9)
     own = np.clip(3.0 * bend, -1.0, 1.0)
-    said = own
-    for _ in range(_ROUNDS):
-        said = _OWN * own + (1.0 - _OWN) * (weights @ np.clip(said, -1.0, 1.0)) / total
-    return said
+    return agreed(graph.indptr, graph.indices, normals, own, _OWN, _ROUNDS)
 
 
 def without_gaps(

@@ -18,7 +18,7 @@ from mdcs_pipeline.kernels.coarsening import coarsened
 from mdcs_pipeline.kernels.compiled.grid import grid_of, scattered
 from mdcs_pipeline.kernels.compiled.patches import WIDER, closing_patches
 from mdcs_pipeline.kernels.compiled.spreading import spread_minimum
-from mdcs_pipeline.kernels.compiled.tangent import medians_alike
+from mdcs_pipeline.kernels.compiled.tangent import ANY, medians_alike
 from mdcs_pipeline.kernels.seeding import spread_points
 
 FloatArray = NDArray[np.float64]
@@ -141,5 +141,5 @@ def _median_within(places: FloatArray, scale: FloatArray) -> FloatArray:
     """Return, at every landmark, the median of the values within its own radius."""
     grid = grid_of(places, float(np.median(scale)))
     values = scale[grid.order]
-    # All face the same way.
-    return scattered(grid, medians_alike(grid, np.zeros((len(values), 3)), values, values, -1.0))
+    facing = np.zeros((len(values), 3))
+    return scattered(grid, medians_alike(grid, facing, values, values, ANY))

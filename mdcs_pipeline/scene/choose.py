@@ -214,6 +214,7 @@ def _region(
         taken=np.concatenate(taken)[first],
         owner=voxels.owner[every],
         radius=voxels.radius[every],
+        middle=voxels.middle[every],
         grown=np.array([n for n in names.active if _has_grown(world, n, renewal)], np.int64),
         active=np.array(names.active, dtype=np.int64),
         ring=np.array(names.ring, dtype=np.int64),

@@ -81,9 +81,8 @@ def add_frame(scene: Scene, cloud: PointCloud, rule: FrameRule) -> None:
     if rule.mode == "replace":
         world.voxels.check_reach(points)
         world.voxels.empty()
-    touched, fresh, moved = world.voxels.add(
-        points, number, rule.least_hits, rule.patience, rule.shift
-    )
+    least = rule.least_hits if number else _least_at_first(points, rule)
+    touched, fresh, moved = world.voxels.add(points, number, least, rule.patience, rule.shift)
     scene.world = world
     scene.frames = number + 1
     scene.frame_id, scene.stamp_ns = header.frame_id, header.stamp_ns
@@ -91,6 +90,18 @@ def add_frame(scene: Scene, cloud: PointCloud, rule: FrameRule) -> None:
     if rule.mode != "accumulate":
         scene.hits.append((number, header.stamp_ns, touched))
         _forget(scene, world, _expired(scene, rule))
+
+
+def _least_at_first(points: NDArray[np.float64], rule: FrameRule) -> int:
+    """Return the points from which a voxel of a scene's first frame is surface.
+
+    Where most of its points are in voxels that hold fewer than `least_hits`, the frame is too
+    sparse to tell noise from surface by them, and there is nothing else to go by yet.
+    """
+    cells = np.floor(points / rule.voxel).astype(np.int64)
+    _, held = np.unique(cells, axis=0, return_counts=True)
+    firm = held[held >= rule.least_hits].sum()
+    return rule.least_hits if 2 * firm >= len(points) else 1
 
 
 def _begin(cloud: PointCloud, rule: FrameRule) -> World:

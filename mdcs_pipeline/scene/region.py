@@ -33,6 +33,8 @@ class Region:
         Id of the node that each gave most of its mass to; −1 for new surface.
     radius : (n,) float64
         Thickness known so far, 0 where there is none.
+    middle : (n, 3) float64
+        Middle of the limb as known so far; of no meaning where no thickness is.
     grown : (g,) int64
         Active nodes that stand for much more surface than when they were last made afresh.
     active : (a,) int64
@@ -50,6 +52,7 @@ class Region:
     taken: BoolArray
     owner: IntArray
     radius: NDArray[np.float64]
+    middle: NDArray[np.float64]
     grown: IntArray
     active: IntArray
     ring: IntArray
@@ -64,6 +67,7 @@ class Region:
             taken=finite_array(self.taken, (count,), "taken", np.bool_),
             owner=finite_array(self.owner, (count,), "owner", np.int64),
             radius=finite_array(self.radius, (count,), "radius"),
+            middle=finite_array(self.middle, (count, 3), "middle"),
             grown=finite_array(self.grown, (None,), "grown", np.int64),
             active=finite_array(self.active, (None,), "active", np.int64),
             ring=finite_array(self.ring, (None,), "ring", np.int64),
@@ -81,7 +85,9 @@ def empty_region(header: Header, figures: dict[str, Any]) -> Region:
     """Return the region of a frame that changes nothing."""
     none = np.empty(0, np.int64)
     never = np.empty(0, np.bool_)
-    return Region(header, none, never, none, np.empty(0), none, none, none, 0, figures)
+    return Region(
+        header, none, never, none, np.empty(0), np.empty((0, 3)), none, none, none, 0, figures
+    )
 
 
 def region_cloud(world: World, region: Region) -> MassCloud:

@@ -149,6 +149,8 @@ def _own(world: World, region: Region, update: Update, free: set[int]) -> None:
     voxels.owner[slots] = owner[moves]
     taken = region.slots[region.taken]
     voxels.radius[taken] = update.thickness.radius[region.taken]
+    if update.thickness.centre is not None:
+        voxels.middle[taken] = update.thickness.centre[region.taken]
     voxels.pending[taken] = False
 
 

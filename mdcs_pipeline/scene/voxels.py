@@ -34,6 +34,7 @@ _COLUMNS: dict[str, tuple[type, tuple[int, ...], Any]] = {
     "pending": (np.bool_, (), False),
     "owner": (np.int64, (), NOBODY),
     "radius": (np.float64, (), 0.0),
+    "middle": (np.float64, (3,), 0.0),
 }
 
 
@@ -67,6 +68,8 @@ class VoxelMap:
         Id of the node that it gives most of its mass to, −1 for none yet.
     radius : (capacity,) float64
         Local thickness that it was last transported with, 0 where there is none yet.
+    middle : (capacity, 3) float64
+        Where its mass was carried from then: the middle of its limb.
     """
 
     key: IntArray
@@ -79,6 +82,7 @@ class VoxelMap:
     pending: NDArray[np.bool_]
     owner: IntArray
     radius: NDArray[np.float64]
+    middle: NDArray[np.float64]
 
     def __init__(self, size: float) -> None:
         self.size = size

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from pydantic import Field
 
+from mdcs_pipeline.arrays import BoolArray, IntArray
 from mdcs_pipeline.kernels.assignment import plan_owners
 from mdcs_pipeline.kernels.ends import limb_ends
 from mdcs_pipeline.kernels.spurs import shed_spurs, shed_strays
@@ -48,8 +49,13 @@ class Prune(Stage[PruneSettings]):
         """Return the skeleton without strays and spurs; their junctions take over their mass."""
         counts = np.bincount(plan_owners(rough.plan.plan), minlength=len(rough.nodes))
         strays = shed_strays(rough.nodes.scale, counts, rough.edges, self.settings.cover)
-        rough = gathered(rough, strays)
+        rough = gathered(rough, _free(strays, rough.nodes.fixed))
         nodes, owner = rough.nodes, plan_owners(rough.plan.plan)
         ends = limb_ends(nodes.positions, nodes.scale, rough.edges, cloud.positions, owner)
         into = shed_spurs(nodes.positions, nodes.scale, rough.edges, ends, self.settings.length)
-        return Pruned(gathered(rough, into))
+        return Pruned(gathered(rough, _free(into, nodes.fixed)))
+
+
+def _free(into: IntArray, fixed: BoolArray) -> IntArray:
+    """Return the same, but fixed nodes stay: what surrounds an update is not its to shed."""
+    return np.where(fixed, np.arange(len(into)), into)

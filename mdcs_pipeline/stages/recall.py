@@ -35,4 +35,7 @@ class Recall(Stage[RecallSettings]):
         """
         known = (region.radius > 0) & ~region.taken
         radius = np.where(known, region.radius, thickness.radius)
-        return Recalled(Thickness(radius, thickness.confidence))
+        centre = thickness.centre
+        if centre is not None:
+            centre = np.where(known[:, None], region.middle, centre)
+        return Recalled(Thickness(radius, thickness.confidence, centre))

@@ -48,7 +48,10 @@ class SceneSettings(Settings):
         None, gt=0, description="Length of the window by the frames' stamps."
     )
     least_hits: int = Field(
-        _FRAME.least_hits, ge=1, description="Points from which a voxel counts as surface."
+        _FRAME.least_hits,
+        ge=1,
+        description="Points from which a voxel counts as surface; one is enough in a scene's "
+        "first frame if most of its points are in voxels with fewer.",
     )
     patience: int = Field(
         _FRAME.patience,

@@ -15,7 +15,7 @@ from mdcs_pipeline.messages import RoughSkeleton
 def gathered(rough: RoughSkeleton, into: IntArray) -> RoughSkeleton:
     """Return the skeleton with nodes made one: masses and plan add, at their centre of mass.
 
-    It is as thick as the thickest of them.
+    It is as thick as the thickest of them. One that is fixed stays where and as thick as it is.
 
     Parameters
     ----------
@@ -39,15 +39,19 @@ def gathered(rough: RoughSkeleton, into: IntArray) -> RoughSkeleton:
     moments = [np.bincount(group, weight * x, minlength=count) for x in nodes.positions.T]
     scale = np.zeros(count)
     np.maximum.at(scale, group, nodes.scale)
+    fixed = nodes.fixed[kept]
+    positions = np.stack(moments, axis=1) / total[:, None]
+    positions[fixed] = nodes.positions[kept][fixed]
+    scale[fixed] = nodes.scale[kept][fixed]
     one = replace(
         nodes,
-        positions=np.stack(moments, axis=1) / total[:, None],
+        positions=positions,
         mass=mass,
         potentials=nodes.potentials[kept],
         ids=nodes.ids[kept],
         links=unique_pairs(group[nodes.links]),
         settled=nodes.settled[kept],
-        fixed=nodes.fixed[kept],
+        fixed=fixed,
         beyond=nodes.beyond[kept],
         scale=scale,
     )

@@ -5,32 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from mdcs_pipeline.kernels.compiled.selecting import select
 from mdcs_pipeline.kernels.compiled.types import FloatArray, IntArray
-
-
-@njit(cache=True, nogil=True)
-def _select(keys: FloatArray, order: IntArray, first: int, last: int, middle: int) -> None:
-    """Partition keys[first:last] and `order` so that `middle` is where sorting would put it."""
-    low, high = first, last - 1
-    while low < high:
-        pivot = keys[(low + high) // 2]
-        i, j = low, high
-        while i <= j:
-            while keys[i] < pivot:
-                i += 1
-            while keys[j] > pivot:
-                j -= 1
-            if i <= j:
-                keys[i], keys[j] = keys[j], keys[i]
-                order[i], order[j] = order[j], order[i]
-                i += 1
-                j -= 1
-        if middle <= j:
-            high = j
-        elif middle >= i:
-            low = i
-        else:
-            return
 
 
 @njit(cache=True, nogil=True)
@@ -62,7 +38,7 @@ def box_order(points: FloatArray, size: int) -> IntArray:
         for k in range(first, last):
             keys[k] = points[order[k], axis]
         middle = first + ((last - first + size - 1) // size // 2) * size
-        _select(keys, order, first, last, middle)
+        select(keys, first, last, middle, order)
         firsts[depth], lasts[depth] = first, middle
         firsts[depth + 1], lasts[depth + 1] = middle, last
         depth += 2

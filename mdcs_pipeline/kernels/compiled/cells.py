@@ -10,29 +10,72 @@ from numba import njit
 from mdcs_pipeline.kernels.compiled.types import FloatArray, IntArray
 
 _FREE = np.int64(-1)
+# Points whose voxels are reckoned together: a loop without branches runs in the processor's
+# full width.
+_RUN = 1024
+# Places of the hash table for each voxel, at least: few searches then go on to a second.
+_ROOM = 4
 
 
 @njit(cache=True, nogil=True)
-def _slot(table: IntArray, keys: IntArray, key: Any) -> Any:
-    """Return where `key` is in a hash table of indices into `keys`, or where it would go."""
-    mask = len(table) - 1
-    # Fibonacci's multiplier spreads neighbouring cells; the high bits are the mixed ones.
-    at = ((np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(20)) & np.uint64(mask)
-    place = np.int64(at)
-    while table[place] != _FREE and keys[table[place]] != key:
-        place = (place + 1) & mask
-    return place
+def _located(
+    points: Any,
+    span: tuple[int, int],
+    centre: FloatArray,
+    turn: FloatArray,
+    size: float,
+    most: int,
+    bits: int,
+    codes: IntArray,
+    places: FloatArray,
+) -> bool:
+    """Write codes and places, (3, _RUN), of a span of points; return whether all have a code."""
+    far, shift, across = 0.0, most + 1, 1.0 / size
+    for j in range(span[0], span[1]):
+        x = np.float64(points[j, 0]) - centre[0]
+        y = np.float64(points[j, 1]) - centre[1]
+        z = np.float64(points[j, 2]) - centre[2]
+        u = x * turn[0, 0] + y * turn[0, 1] + z * turn[0, 2]
+        v = x * turn[1, 0] + y * turn[1, 1] + z * turn[1, 2]
+        w = x * turn[2, 0] + y * turn[2, 1] + z * turn[2, 2]
+        k = j - span[0]
+        places[0, k], places[1, k], places[2, k] = u, v, w
+        u, v, w = np.floor(u * across + 0.5), np.floor(v * across + 0.5), np.floor(w * across + 0.5)
+        far = max(far, abs(u), abs(v), abs(w))
+        code = ((np.int64(u) + shift) << bits) | (np.int64(v) + shift)
+        codes[k] = (code << bits) | (np.int64(w) + shift)
+    return far <= most
 
 
 @njit(cache=True, nogil=True)
-def _grown(table: IntArray, keys: IntArray, sums: FloatArray, count: int) -> Any:
-    """Return table, keys and sums of twice the room."""
-    wider = np.full(2 * len(table), _FREE)
-    names, totals = np.empty(2 * len(keys), np.int64), np.zeros((2 * len(sums), 4))
-    names[:count], totals[:count] = keys[:count], sums[:count]
+def _home(code: Any, shift: int) -> Any:
+    """Return where the search for a code begins."""
+    # Fibonacci's multiplier spreads neighbouring cells; only its highest bits are mixed well.
+    return np.int64((np.uint64(code) * np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(shift))
+
+
+@njit(cache=True, nogil=True)
+def _table(codes: IntArray, count: int) -> tuple[IntArray, IntArray, int]:
+    """Return a hash table with room for twice as many codes: names, their slots, and its shift."""
+    room, shift = 2, 63
+    while room < 2 * _ROOM * max(count, _RUN):
+        room, shift = 2 * room, shift - 1
+    names, slots = np.full(room, _FREE), np.empty(room, np.int32)
     for k in range(count):
-        wider[_slot(wider, names, names[k])] = k
-    return wider, names, totals
+        at = _home(codes[k], shift)
+        while names[at] != _FREE:
+            at = (at + 1) & (room - 1)
+        names[at], slots[at] = codes[k], k
+    return names, slots, shift
+
+
+@njit(cache=True, nogil=True)
+def _widened(codes: IntArray, sums: FloatArray) -> tuple[IntArray, FloatArray]:
+    """Return codes and sums with twice the room."""
+    count = len(codes)
+    more, totals = np.empty(2 * count, np.int64), np.zeros((2 * count, 4))
+    more[:count], totals[:count] = codes, sums
+    return more, totals
 
 
 @njit(cache=True, nogil=True)
@@ -48,7 +91,7 @@ def cell_sums(
 ) -> tuple[IntArray, FloatArray]:
     """Return the code of each occupied voxel, and the sums of w u and w over its points.
 
-    u = axes · (point − centre) / length, taken point by point: nothing of the cloud is copied.
+    u = axes · (point − centre) / length, taken run by run: nothing of the cloud is copied.
 
     Parameters
     ----------
@@ -66,33 +109,33 @@ def cell_sums(
         In no order. Empty if a grid coordinate is larger than `most`.
     sums : (V, 4) float64
     """
-    keys, sums = np.empty(2048, np.int64), np.zeros((2048, 4))
-    table = np.full(4096, _FREE)
-    count, last, at = 0, _FREE, 0
-    x, u = np.empty(3), np.empty(3)
-    for j in range(len(points)):
-        for a in range(3):
-            x[a] = (np.float64(points[j, a]) - centre[a]) / length
-        code = np.int64(0)
-        for a in range(3):
-            u[a] = x[0] * axes[a, 0] + x[1] * axes[a, 1] + x[2] * axes[a, 2]
-            cell = np.floor(u[a] / size + 0.5)
-            if abs(cell) > most:
-                return keys[:0], sums[:0]
-            code = (code << bits) | (np.int64(cell) + most + 1)
-        if code != last:
-            # Scans hold neighbours in a row: most points need no look into the table.
-            place = _slot(table, keys, code)
-            if table[place] == _FREE:
-                if count == len(keys):
-                    table, keys, sums = _grown(table, keys, sums, count)
-                    place = _slot(table, keys, code)
-                table[place], keys[count] = count, code
-                count += 1
-            at, last = table[place], code
-        w = weights[j] if len(weights) else 1.0
-        sums[at, 0] += w * u[0]
-        sums[at, 1] += w * u[1]
-        sums[at, 2] += w * u[2]
-        sums[at, 3] += w
-    return keys[:count].copy(), sums[:count].copy()
+    found, sums = np.empty(2 * _RUN, np.int64), np.zeros((2 * _RUN, 4))
+    names, slots, shift = _table(found, 0)
+    codes, places, turn = np.empty(_RUN, np.int64), np.empty((3, _RUN)), axes / length
+    count, last, slot = 0, _FREE, 0
+    for first in range(0, len(points), _RUN):
+        span = first, min(len(points), first + _RUN)
+        if not _located(points, span, centre, turn, size, most, bits, codes, places):
+            return found[:0], sums[:0]
+        if count + _RUN > len(found):
+            found, sums = _widened(found, sums)
+        if _ROOM * (count + _RUN) > len(names):
+            names, slots, shift = _table(found, count)
+        for k in range(span[1] - first):
+            code = codes[k]
+            if code != last:
+                # Scans hold neighbours in a row: most points need no look into the table.
+                at, last = _home(code, shift), code
+                while names[at] != code:
+                    if names[at] == _FREE:
+                        names[at], slots[at], found[count] = code, count, code
+                        count += 1
+                        break
+                    at = (at + 1) & (len(names) - 1)
+                slot = slots[at]
+            w = weights[first + k] if len(weights) else 1.0
+            sums[slot, 0] += w * places[0, k]
+            sums[slot, 1] += w * places[1, k]
+            sums[slot, 2] += w * places[2, k]
+            sums[slot, 3] += w
+    return found[:count].copy(), sums[:count].copy()

@@ -80,36 +80,48 @@ def grid_of(points: FloatArray, size: float) -> Grid:
     return Grid(placed, order, keys[order], low, size, shape, starts)
 
 
-@njit(cache=True, nogil=True)
-def span_of(grid: Grid, axis: int, low: float, high: float) -> tuple[int, int]:
-    """Return the first and the last cell along an axis between two coordinates."""
-    first = int(np.floor((low - grid.low[axis]) / grid.size))
-    last = int(np.floor((high - grid.low[axis]) / grid.size))
-    return max(0, first), min(int(grid.shape[axis]) - 1, last)
+# What loops over rows calls is given arrays and numbers: a whole Grid for every row, its arrays
+# counted in and out, takes longer than the row's points; and what is written might be its shape.
 
 
 @njit(cache=True, nogil=True)
-def row_of(grid: Grid, i: int, j: int, first: int, last: int) -> tuple[int, int]:
+def span_of(low: float, size: float, cells: int, first: float, last: float) -> tuple[int, int]:
+    """Return the first and the last of an axis' cells between two coordinates."""
+    start = int(np.floor((first - low) / size))
+    stop = int(np.floor((last - low) / size))
+    return max(0, start), min(cells - 1, stop)
+
+
+@njit(cache=True, nogil=True)
+def row_of(
+    starts: IntArray,
+    keys: IntArray,
+    shape: tuple[int, int, int],
+    i: int,
+    j: int,
+    first: int,
+    last: int,
+) -> tuple[int, int]:
     """Return where the points of the cells (i, j, first … last) begin and end."""
-    if len(grid.starts) > 0:
-        row = (i * int(grid.shape[1]) + j) * int(grid.shape[2])
-        return int(grid.starts[row + first]), int(grid.starts[row + last + 1])
+    if len(starts) > 0:
+        row = (i * shape[1] + j) * shape[2]
+        return int(starts[row + first]), int(starts[row + last + 1])
     key = (i * _MOST + j) * _MOST
-    start = np.searchsorted(grid.keys, key + first)
-    return int(start), int(np.searchsorted(grid.keys, key + last, side="right"))
+    start = np.searchsorted(keys, key + first)
+    return int(start), int(np.searchsorted(keys, key + last, side="right"))
 
 
 @njit(cache=True, nogil=True)
 def _add_near(
     points: FloatArray,
-    place: FloatArray,
+    place: tuple[float, float, float],
     squared: float,
     rows: tuple[int, int],
     found: IntArray,
     count: int,
 ) -> int:
     """Add those of a slice of the points that are near a place to `count` found before."""
-    px, py, pz = place[0], place[1], place[2]
+    px, py, pz = place
     for at in range(rows[0], rows[1]):
         x, y, z = points[at, 0] - px, points[at, 1] - py, points[at, 2] - pz
         # Written in any case: what is near cannot be foretold, and a wrong guess costs more.
@@ -135,20 +147,23 @@ def within(grid: Grid, place: FloatArray, reach: float, found: IntArray) -> int:
     int
         How many there are.
     """
-    points = grid.points
-    x = span_of(grid, 0, place[0] - reach, place[0] + reach)
-    y = span_of(grid, 1, place[1] - reach, place[1] + reach)
-    z = span_of(grid, 2, place[2] - reach, place[2] + reach)
-    count, squared = 0, reach * reach
+    points, starts, keys = grid.points, grid.starts, grid.keys
+    shape = grid.shape[0], grid.shape[1], grid.shape[2]
+    low, size, squared = grid.low, grid.size, reach * reach
+    here = place[0], place[1], place[2]
+    x = span_of(low[0], size, shape[0], here[0] - reach, here[0] + reach)
+    y = span_of(low[1], size, shape[1], here[1] - reach, here[1] + reach)
+    z = span_of(low[2], size, shape[2], here[2] - reach, here[2] + reach)
     if (x[1] - x[0] + 1) * (y[1] - y[0] + 1) > len(points):
         # More rows than points: most are empty.
-        return _add_near(points, place, squared, (0, len(points)), found, 0)
+        return _add_near(points, here, squared, (0, len(points)), found, 0)
+    count = 0
     if z[0] > z[1]:
         return 0
     for i in range(x[0], x[1] + 1):
         for j in range(y[0], y[1] + 1):
-            rows = row_of(grid, i, j, z[0], z[1])
-            count = _add_near(points, place, squared, rows, found, count)
+            rows = row_of(starts, keys, shape, i, j, z[0], z[1])
+            count = _add_near(points, here, squared, rows, found, count)
     return count
 
 
@@ -168,20 +183,22 @@ def near_any(grid: Grid, reach: FloatArray, some: BoolArray) -> BoolArray:
     (n,) bool
     """
     n = len(grid.points)
+    starts, keys, low, size = grid.starts, grid.keys, grid.low, grid.size
+    shape = grid.shape[0], grid.shape[1], grid.shape[2]
     before = np.zeros(n + 1, np.int64)
     for k in range(n):
         before[k + 1] = before[k] + some[k]
     result = some.copy()
     for k in range(n):
         place, far = grid.points[k], reach[k]
-        x = span_of(grid, 0, place[0] - far, place[0] + far)
-        y = span_of(grid, 1, place[1] - far, place[1] + far)
-        z = span_of(grid, 2, place[2] - far, place[2] + far)
+        x = span_of(low[0], size, shape[0], place[0] - far, place[0] + far)
+        y = span_of(low[1], size, shape[1], place[1] - far, place[1] + far)
+        z = span_of(low[2], size, shape[2], place[2] - far, place[2] + far)
         for i in range(x[0], x[1] + 1):
             if result[k] or z[0] > z[1]:
                 break
             for j in range(y[0], y[1] + 1):
-                start, stop = row_of(grid, i, j, z[0], z[1])
+                start, stop = row_of(starts, keys, shape, i, j, z[0], z[1])
                 result[k] |= before[stop] > before[start]
     return result
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from mdcs_pipeline.kernels.compiled.ball import ball_around, local_graph
 from mdcs_pipeline.kernels.compiled.boxes import box_order
 from mdcs_pipeline.kernels.compiled.lanes import LANES, relax_links
+from mdcs_pipeline.kernels.compiled.symmetric import middle_eigenvalue
 from mdcs_pipeline.kernels.compiled.types import FloatArray, IntArray
 
 # Points that are set right before the next are looked at. All sources lie within it, mostly:
@@ -21,51 +22,11 @@ _WINDOW = 2048
 # A patch's moments: Σ m, Σ m x, y, z and Σ m xx, xy, xz, yy, yz, zz.
 _MOMENTS = 10
 _FAR = np.float32(1e30)
+# Sources that grow their patches together lie within so much of the ball that holds them all:
+# one around scattered sources would be the whole cloud.
+_SPREAD = 0.3
 #: Stands for the radius of a patch that has not closed within those that were tried.
 WIDER = -1.0
-
-
-@njit(cache=True, nogil=True)
-def middle_eigenvalue(moments: FloatArray) -> float:
-    """Return the middle eigenvalue of a patch's covariance from its moments, by rotations.
-
-    `moments` are Σ m, Σ m x, y, z, and Σ m xx, xy, xz, yy, yz, zz. Jacobi's rotations keep
-    all digits of a small eigenvalue beside a large one, which the cubic's formula does not.
-    """
-    total = moments[0]
-    x, y, z = moments[1] / total, moments[2] / total, moments[3] / total
-    a, b, c = moments[4] / total - x * x, moments[7] / total - y * y, moments[9] / total - z * z
-    d, e, f = moments[5] / total - x * y, moments[6] / total - x * z, moments[8] / total - y * z
-    for _ in range(12):
-        if d * d + e * e + f * f <= 1e-32 * (a * a + b * b + c * c):
-            break
-        a, b, d, e, f = _rotated(a, b, d, e, f)
-        a, c, e, d, f = _rotated(a, c, e, d, f)
-        b, c, f, d, e = _rotated(b, c, f, d, e)
-    middle: float = max(max(min(a, b), min(max(a, b), c)), 0.0)
-    return middle
-
-
-@njit(cache=True, nogil=True)
-def _rotated(
-    p: float, q: float, off: float, one: float, other: float
-) -> tuple[float, float, float, float, float]:
-    """Return a symmetric matrix after the rotation that makes the entry `off` of p and q 0."""
-    if off == 0.0:
-        return p, q, off, one, other
-    slope = 0.5 * (q - p) / off
-    t = 1.0 / (abs(slope) + np.sqrt(slope * slope + 1.0))
-    if slope < 0.0:
-        t = -t
-    cosine = 1.0 / np.sqrt(t * t + 1.0)
-    sine = t * cosine
-    return (
-        p - t * off,
-        q + t * off,
-        0.0,
-        cosine * one - sine * other,
-        sine * one + cosine * other,
-    )
 
 
 @njit(cache=True, nogil=True)
@@ -217,6 +178,7 @@ def closing_patches(
         order, widest = box_order(points[sources[todo]], LANES), wanted
         for start in range(0, len(todo), LANES):
             lanes = todo[order[start : start + LANES]]
+            lanes = _near_middle(points, sources, lanes, _SPREAD * wanted)
             needed = _grow_together(
                 indptr, indices, lengths, points, mass, sources, radii, closed, final, lanes,
                 wanted, place, scale, reach, centre,
@@ -224,8 +186,19 @@ def closing_patches(
             widest = max(widest, wanted)
             # Neighbours close at like sizes; a ball too small is grown in vain.
             wanted = max(0.8 * wanted, needed) if needed > 0.0 else wanted
-        todo, wanted = todo[np.isnan(reach[todo])], 2.0 * widest
+        todo, wanted = todo[np.isnan(reach[todo])], (2.0 if final else 1.0) * widest
     return scale, reach, centre
+
+
+@njit(cache=True, nogil=True)
+def _near_middle(points: FloatArray, sources: IntArray, lanes: IntArray, away: float) -> IntArray:
+    """Return the lanes whose sources are within `away` of the middle one."""
+    middle = points[sources[lanes[_central(points, sources[lanes])]]]
+    kept, count = np.empty_like(lanes), 0
+    for lane in lanes:
+        kept[count] = lane
+        count += np.square(points[sources[lane]] - middle).sum() <= away * away
+    return kept[:count]
 
 
 @njit(cache=True, nogil=True)

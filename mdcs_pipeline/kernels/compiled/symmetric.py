@@ -1,4 +1,4 @@
-"""Eigenvectors of symmetric 3 x 3 matrices, by Jacobi's rotations.
+"""Eigenvalues and eigenvectors of symmetric 3 x 3 matrices, by Jacobi's rotations.
 
 A library's call for one such matrix costs ten times what it computes. Rotations keep all digits
 of a small eigenvalue beside a large one, which the cubic's formula does not.
@@ -66,3 +66,46 @@ def principal(matrix: FloatArray, values: FloatArray, vectors: FloatArray) -> No
                 held = vectors[a, first]
                 vectors[a, first] = vectors[a, second]
                 vectors[a, second] = held
+
+
+@njit(cache=True, nogil=True)
+def middle_eigenvalue(moments: FloatArray) -> float:
+    """Return the middle eigenvalue of a patch's covariance from its moments, by rotations.
+
+    `moments` are Σ m, Σ m x, y, z, and Σ m xx, xy, xz, yy, yz, zz. Jacobi's rotations keep
+    all digits of a small eigenvalue beside a large one, which the cubic's formula does not.
+    """
+    total = moments[0]
+    x, y, z = moments[1] / total, moments[2] / total, moments[3] / total
+    a, b, c = moments[4] / total - x * x, moments[7] / total - y * y, moments[9] / total - z * z
+    d, e, f = moments[5] / total - x * y, moments[6] / total - x * z, moments[8] / total - y * z
+    for _ in range(12):
+        if d * d + e * e + f * f <= 1e-32 * (a * a + b * b + c * c):
+            break
+        a, b, d, e, f = _rotated(a, b, d, e, f)
+        a, c, e, d, f = _rotated(a, c, e, d, f)
+        b, c, f, d, e = _rotated(b, c, f, d, e)
+    middle: float = max(max(min(a, b), min(max(a, b), c)), 0.0)
+    return middle
+
+
+@njit(cache=True, nogil=True)
+def _rotated(
+    p: float, q: float, off: float, one: float, other: float
+) -> tuple[float, float, float, float, float]:
+    """Return a symmetric matrix after the rotation that makes the entry `off` of p and q 0."""
+    if off == 0.0:
+        return p, q, off, one, other
+    slope = 0.5 * (q - p) / off
+    t = 1.0 / (abs(slope) + np.sqrt(slope * slope + 1.0))
+    if slope < 0.0:
+        t = -t
+    cosine = 1.0 / np.sqrt(t * t + 1.0)
+    sine = t * cosine
+    return (
+        p - t * off,
+        q + t * off,
+        0.0,
+        cosine * one - sine * other,
+        sine * one + cosine * other,
+    )

@@ -9,6 +9,7 @@ import numpy as np
 from numba import njit
 
 from mdcs_pipeline.kernels.compiled.grid import Grid, within
+from mdcs_pipeline.kernels.compiled.selecting import FEW, LANES, median_of
 from mdcs_pipeline.kernels.compiled.symmetric import principal
 from mdcs_pipeline.kernels.compiled.types import FloatArray, IntArray
 
@@ -20,6 +21,9 @@ _STEEPEST = 0.7
 _GROWTHS = 8
 # Fewer places than this lie on a line by chance.
 _TELLING = 4
+#: Under every cosine, for `medians_alike`: those of opposite normals are rounded to either side
+#: of −1.
+ANY = -2.0
 
 
 @njit(cache=True, nogil=True)
@@ -141,36 +145,6 @@ def bends(
 
 
 @njit(cache=True, nogil=True)
-def _median(values: FloatArray, count: int) -> float:
-    """Return the median of the first `count` values, which are put out of order."""
-    middle = count // 2
-    low, high = 0, count - 1
-    while low < high:
-        pivot = values[(low + high) // 2]
-        i, j = low, high
-        while i <= j:
-            while values[i] < pivot:
-                i += 1
-            while values[j] > pivot:
-                j -= 1
-            if i <= j:
-                values[i], values[j] = values[j], values[i]
-                i += 1
-                j -= 1
-        if middle <= j:
-            high = j
-        elif middle >= i:
-            low = i
-        else:
-            break
-    upper: float = values[middle]
-    if count % 2 == 1:
-        return upper
-    lower: float = values[:middle].max()
-    return (lower + upper) / 2.0
-
-
-@njit(cache=True, nogil=True)
 def medians_alike(
     grid: Grid,
     normals: FloatArray,
@@ -185,7 +159,8 @@ def medians_alike(
     """
     n = len(grid.points)
     asked = np.arange(n) if which is None else which
-    result, found, held = np.empty(len(asked)), np.empty(n, np.int64), np.empty(n)
+    result, found = np.empty(len(asked)), np.empty(n, np.int64)
+    held, ranks = np.empty(n + LANES), np.empty(FEW + LANES, np.int64)
     for at in range(len(asked)):
         i = asked[at]
         held[0], count = values[i], 1
@@ -195,7 +170,7 @@ def medians_alike(
                 continue
             held[count] = values[k]
             count += n0 * normals[k, 0] + n1 * normals[k, 1] + n2 * normals[k, 2] > cosine
-        result[at] = _median(held, count)
+        result[at] = median_of(held, count, ranks)
     return result
 
 
@@ -231,3 +206,40 @@ def scatters(
             principal(moments, values, vectors)
             result[at] = np.sqrt(max(values[0] + values[1], 0.0))
     return result
+
+
+@njit(cache=True, nogil=True)
+def agreed(
+    indptr: IntArray,
+    indices: IntArray,
+    normals: FloatArray,
+    own: FloatArray,
+    share: float,
+    rounds: int,
+) -> FloatArray:
+    """Return what points say after rounds in which each listens to its neighbours.
+
+    s_i ← share · own_i + (1 − share) Σ_j c_ij |c_ij| clip(s_j, −1, 1) / Σ_j c_ij², with the
+    cosines c_ij of the normals at both ends of a link (CSR).
+    """
+    n = len(own)
+    weights, total = np.empty(len(indices)), np.empty(n)
+    for i in range(n):
+        squares = 0.0
+        for e in range(indptr[i], indptr[i + 1]):
+            j, cosine = indices[e], 0.0
+            for a in range(3):
+                cosine += normals[i, a] * normals[j, a]
+            weights[e] = cosine * abs(cosine)
+            squares += cosine * cosine
+        total[i] = max(squares, 1e-9)
+    said, heard = own.copy(), np.empty(n)
+    for _ in range(rounds):
+        for k in range(n):
+            heard[k] = min(max(said[k], -1.0), 1.0)
+        for i in range(n):
+            lent = 0.0
+            for e in range(indptr[i], indptr[i + 1]):
+                lent += weights[e] * heard[indices[e]]
+            said[i] = share * own[i] + (1.0 - share) * lent / total[i]
+    return said

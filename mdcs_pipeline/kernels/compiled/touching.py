@@ -83,27 +83,28 @@ def _limit_ball(
     least: FloatArray,
 ) -> None:
     """Lower `least`, rising, to the radii of the balls on which points within this one lie."""
-    here = grid.points[i]
+    points, starts, keys = grid.points, grid.starts, grid.keys
+    shape = grid.shape[0], grid.shape[1], grid.shape[2]
+    corner, edge, here = grid.low, grid.size, grid.points[i]
     c0, c1, c2 = here[0] - size * normal[0], here[1] - size * normal[1], here[2] - size * normal[2]
     wide = size * (1.0 + 1e-9) + moved
-    x = span_of(grid, 0, c0 - wide, c0 + wide)
-    y = span_of(grid, 1, c1 - wide, c1 + wide)
-    if (x[1] - x[0] + 1) * (y[1] - y[0] + 1) > len(grid.points):
-        _limit_by(grid.points, here, normal, (0, len(grid.points)), limit, least)
+    x = span_of(corner[0], edge, shape[0], c0 - wide, c0 + wide)
+    y = span_of(corner[1], edge, shape[1], c1 - wide, c1 + wide)
+    if (x[1] - x[0] + 1) * (y[1] - y[0] + 1) > len(points):
+        _limit_by(points, here, normal, (0, len(points)), limit, least)
         return
-    edge = grid.size
     for a in range(x[0], x[1] + 1):
-        low = grid.low[0] + a * edge
+        # The ball is cut into slabs; to round off their edges takes longer than to look there.
+        low = corner[0] + a * edge
         off = max(low - c0, c0 - low - edge, 0.0)
-        left = wide * wide - off * off
+        half = np.sqrt(max(wide * wide - off * off, 0.0)) + 1e-9 * wide
+        y = span_of(corner[1], edge, shape[1], c1 - half, c1 + half)
+        z = span_of(corner[2], edge, shape[2], c2 - half, c2 + half)
+        if z[0] > z[1]:
+            continue
         for b in range(y[0], y[1] + 1):
-            low = grid.low[1] + b * edge
-            off = max(low - c1, c1 - low - edge, 0.0)
-            half = np.sqrt(max(left - off * off, 0.0)) + 1e-9 * wide
-            z = span_of(grid, 2, c2 - half, c2 + half)
-            if z[0] <= z[1]:
-                rows = row_of(grid, a, b, z[0], z[1])
-                _limit_by(grid.points, here, normal, rows, limit, least)
+            rows = row_of(starts, keys, shape, a, b, z[0], z[1])
+            _limit_by(points, here, normal, rows, limit, least)
 
 
 @njit(cache=True, nogil=True)
@@ -125,13 +126,13 @@ def _limit_by(
         x, y, z = points[k, 0] - h0, points[k, 1] - h1, points[k, 2] - h2
         away = x * x + y * y + z * z
         depth = -(x * n0 + y * n1 + z * n2)
-        if away >= bound * depth:
-            continue
-        radius = away / (2.0 * depth)
-        if radius < least[last] and away > limit * radius * radius:
-            at = last
-            while at > 0 and least[at - 1] > radius:
-                least[at] = least[at - 1]
-                at -= 1
-            least[at] = radius
-            bound = 2.0 * least[last] * (1.0 + 1e-12)
+        # Both at once, and without a division: which points pass one of them cannot be foretold.
+        if (away < bound * depth) & (4.0 * depth * depth > limit * away):
+            radius = away / (2.0 * depth)
+            if radius < least[last]:
+                at = last
+                while at > 0 and least[at - 1] > radius:
+                    least[at] = least[at - 1]
+                    at -= 1
+                least[at] = radius
+                bound = 2.0 * least[last] * (1.0 + 1e-12)
