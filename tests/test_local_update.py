@@ -18,6 +18,7 @@ from mdcs_pipeline.messages import (
     MassCloud,
     Nodes,
     RoughSkeleton,
+    Surface,
     Thickness,
     TransportPlan,
     UnitFrame,
@@ -25,6 +26,7 @@ from mdcs_pipeline.messages import (
 from mdcs_pipeline.scene.region import Region
 from mdcs_pipeline.stages.link import Link
 from mdcs_pipeline.stages.merge import Merge
+from mdcs_pipeline.stages.newborn import Newborn
 from mdcs_pipeline.stages.prune import Prune
 from mdcs_pipeline.stages.recall import Recall
 from mdcs_pipeline.stages.surface import SurfaceGraph
@@ -215,3 +217,38 @@ def test_recall_gives_back_radius_and_middle_of_what_is_not_taken() -> None:
     assert found.centre is not None
     assert found.centre[:, 0].tolist() == [0.0, 9.0, 0.0]
     assert Recall()(known, Thickness(np.full(3, 7.0), np.ones(3))).thickness.centre is None
+
+
+@pytest.mark.parametrize(("forsaken", "grown_on"), [(2.5, True), (100.0, False)])
+def test_points_far_from_the_node_that_owns_them_are_seeded_anew(
+    forsaken: float, grown_on: bool
+) -> None:
+    # A limb that was shed to node 7 while it was short, and is ten radii long by now.
+    along = np.linspace(0.0, 1.0, 101)
+    places = np.column_stack([along, np.zeros((101, 2))])
+    cloud = MassCloud(places, np.full(101, 1.0 / 101), UNIT)
+    none = np.empty(0, np.int64)
+    region = Region(
+        header=Header(),
+        slots=np.arange(101),
+        taken=np.ones(101, bool),
+        owner=np.full(101, 7),
+        radius=np.full(101, 0.1),
+        middle=places,
+        grown=none,
+        active=np.array([7]),
+        ring=none,
+        next_id=8,
+        figures={},
+    )
+    near = sparse.csr_array(sparse.diags_array([np.full(100, 0.01)] * 2, offsets=[-1, 1]))
+    found = Newborn(forsaken=forsaken)(
+        cloud,
+        region,
+        Surface(places, near),
+        Thickness(np.full(101, 0.1), np.ones(101)),
+        Nodes(np.zeros((1, 3)), np.ones(1), scale=np.array([0.1]), ids=np.array([7])),
+    ).nodes
+    assert found.ids[0] == 7
+    assert bool(len(found) > 1) is grown_on
+    assert (found.positions[1:, 0] >= 0.25 - 1e-9).all()

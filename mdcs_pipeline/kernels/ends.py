@@ -45,7 +45,7 @@ class End(NamedTuple):
         Unit vector to the middle of its rim, 0 without one: where a corner is missing it differs
         from the limb's direction.
     course : Course
-        How the limb goes on, as it has bent before its end.
+        How the limb goes on, as it has bent before its end; straight on where no rims are known.
     """
 
     node: int
@@ -102,7 +102,10 @@ def limb_ends(
             length = float(np.linalg.norm(outward))
             mine = np.flatnonzero(np.isin(owner, chain[:2]))
             if length > 0.0 and len(mine) >= 4:
-                course = course_of(nodes[_limb(near, node, nodes, _BEHIND * float(scale[node]))])
+                course = Course(outward / length, np.zeros(3))
+                if rim is not None:
+                    behind = _limb(near, node, nodes, _BEHIND * float(scale[node]))
+                    course = course_of(nodes[behind])
                 ends.append(_end(node, nodes[node], outward / length, course, points, mine, rim))
         elif not partners and rim is not None:
             mine = np.flatnonzero(owner == node)

@@ -69,9 +69,12 @@ def open_triangles(nodes: FloatArray, pairs: IntArray, triangles: IntArray) -> I
     (E', 2) int64
     """
     alive = set(map(tuple, pairs.tolist()))
+    sides = triangles[:, [[0, 1], [0, 2], [1, 2]]]
+    # Most triangles lack a side from the start: they need not be gone through one by one.
+    held = np.isin(sides @ [len(nodes), 1], pairs @ [len(nodes), 1]).all(axis=1)
+    triangles, sides = triangles[held], sides[held]
     if not len(triangles):
         return np.array(sorted(alive), dtype=np.int64).reshape(-1, 2)
-    sides = triangles[:, [[0, 1], [0, 2], [1, 2]]]
     length = np.linalg.norm(nodes[sides[:, :, 0]] - nodes[sides[:, :, 1]], axis=2)
     # The longest side; of equal ones the last by its nodes, and so with equal triangles.
     named = sides[:, :, 0] * len(nodes) + sides[:, :, 1]

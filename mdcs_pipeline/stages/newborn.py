@@ -26,6 +26,11 @@ class NewbornSettings(Settings):
         description="A point is new surface without a node when its cost to all of them exceeds "
         "the square of this: its distance in local radii.",
     )
+    forsaken: float = Field(
+        2.5,
+        gt=0,
+        description="The same for a point that a node owns: no node stands where its limb is.",
+    )
     spacing: float = Field(0.4, ge=0, le=2, description="Spacing of new nodes in local radii.")
     ratio: float = Field(0.1, gt=0, le=1, description="Most new nodes per point without one.")
     apart: float = Field(
@@ -106,6 +111,8 @@ class Newborn(Stage[NewbornSettings]):
         grown = np.isin(region.owner, region.grown)
         # What a node owns it has come to stand for: seeded again, it would only be merged again.
         new = (region.owner < 0) & (cost > self.settings.cover**2)
+        # Unless it lies far off: its limb was shed while it was short, and has grown since.
+        new |= cost > self.settings.forsaken**2
         return np.asarray(region.taken & (new | apart | grown))
 
     def _chosen(
