@@ -14,6 +14,8 @@ from mdcs_pipeline.kernels.compiled.types import FloatArray, IntArray
 _WIDEST, _CROWD = 3, 2048
 # Classes of squared distances; on a surface they hold equally many points.
 _CLASSES = 64
+# Points in the nearest classes that are compared all with all; more lie in one place.
+_COMPARED = 256
 
 
 @njit(cache=True, nogil=True)
@@ -116,6 +118,8 @@ def nearest_in_grid(grid: Grid, count: int, which: IntArray) -> tuple[FloatArray
             kept = _narrowed(squares, found, here, count + 1, sure, held)
             if kept < 0:
                 continue
+            if kept > _COMPARED:
+                break
             for k in range(kept):
                 # The point itself comes first, before others in the same place.
                 squares[k] = -1.0 if found[k] == i else squares[k]
