@@ -161,22 +161,23 @@ def _cosine(end: End, goal: FloatArray) -> float:
     return max(straight, float(end.rimward @ gap) / length) if straight > -0.2 else straight
 
 
+def _on_course(end: End, goal: FloatArray) -> float:
+    """Return how straight ahead, or how near to the circle of its limb, `goal` lies."""
+    return max(_cosine(end, goal), end.course.cosine(goal - end.place))
+
+
 def _facing(ends: list[End], shore: Shore, rule: BridgeRule) -> list[tuple[float, int, int]]:
     """Return (length in radii over alignment, node, node) of the ends that face each other."""
     found = []
-    round_ = [end for end in ends if end.radius >= rule.girth * shore.scale[end.node]]
-    for k, a in enumerate(round_):
-        for b in round_[k + 1 :]:
-            gap = b.place - a.place
-            length = float(np.linalg.norm(gap))
+    thick = [end for end in ends if end.radius >= rule.girth * shore.scale[end.node]]
+    for k, a in enumerate(thick):
+        for b in thick[k + 1 :]:
+            length = float(np.linalg.norm(b.place - a.place))
             large, small = max(a.radius, b.radius), min(a.radius, b.radius)
             openness = 0.5 * (min(a.openness, 1.0) + min(b.openness, 1.0))
             if length == 0.0 or length > rule.reach * large or large > rule.ratio * small:
                 continue
-            ahead = (
-                max(_cosine(a, b.place), a.course.cosine(gap)),
-                max(_cosine(b, a.place), b.course.cosine(-gap)),
-            )
+            ahead = _on_course(a, b.place), _on_course(b, a.place)
             if min(ahead) < rule.facing or openness < rule.openness:
                 continue
             if not shore.walled(a, b, rule.crowd):

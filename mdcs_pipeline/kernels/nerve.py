@@ -71,13 +71,13 @@ def open_triangles(nodes: FloatArray, pairs: IntArray, triangles: IntArray) -> I
     alive = set(map(tuple, pairs.tolist()))
     sides = triangles[:, [[0, 1], [0, 2], [1, 2]]]
     # Most triangles lack a side from the start: they need not be gone through one by one.
-    held = np.isin(sides @ [len(nodes), 1], pairs @ [len(nodes), 1]).all(axis=1)
-    triangles, sides = triangles[held], sides[held]
+    named = sides @ [len(nodes), 1]
+    held = np.isin(named, pairs @ [len(nodes), 1]).all(axis=1)
+    triangles, sides, named = triangles[held], sides[held], named[held]
     if not len(triangles):
         return np.array(sorted(alive), dtype=np.int64).reshape(-1, 2)
     length = np.linalg.norm(nodes[sides[:, :, 0]] - nodes[sides[:, :, 1]], axis=2)
     # The longest side; of equal ones the last by its nodes, and so with equal triangles.
-    named = sides[:, :, 0] * len(nodes) + sides[:, :, 1]
     last = np.where(length == length.max(axis=1)[:, None], named, -1).argmax(axis=1)
     rows = np.arange(len(triangles))
     order = np.lexsort((*triangles.T[::-1], named[rows, last], length[rows, last]))[::-1]
