@@ -184,15 +184,19 @@ class Thickness:
     radius : (n,) float64
         r_j in unit lengths, positive.
     confidence : (n,) float64
-        In [0, 1]: 1 where the patch around a point was seen to close into a tube, less the
-        farther the value was carried over the surface.
+        In [0, 1]: how far the value is to be believed. Of a patch that was seen to close into
+        a tube 1, less the farther it was carried over the surface; of a medial place whether
+        its neighbours agree on an axis.
     centre : (n, 3) float64, optional
         Centre of the closed patch that r_j came from, near the axis, in the unit frame.
+    normal : (n, 3) float64, optional
+        Where the outside is, of length 1.
     """
 
     radius: NDArray[np.float64]
     confidence: NDArray[np.float64]
     centre: NDArray[np.float64] | None = None
+    normal: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         radius = finite_array(self.radius, (None,), "radius")
@@ -202,7 +206,56 @@ class Thickness:
         set_fields(self, radius=radius, confidence=confidence)
         if self.centre is not None:
             set_fields(self, centre=finite_array(self.centre, (len(radius), 3), "centre"))
+        if self.normal is not None:
+            set_fields(self, normal=finite_array(self.normal, (len(radius), 3), "normal"))
 
     def summary(self) -> dict[str, Any]:
         """Return the figures that a progress line shows."""
         return {"radius": float(np.median(self.radius)) if len(self.radius) else 0.0}
+
+
+@dataclass(frozen=True, eq=False)
+class Known:
+    """What was measured of a cloud before, and which of its points are to be measured now.
+
+    Parameters
+    ----------
+    asked : (n,) bool
+        Points to measure. What is said of them here is of no meaning.
+    radius : (n,) float64
+        In unit lengths; positive where nothing is asked.
+    middle : (n, 3) float64
+        Medial places.
+    trust : (n,) float64
+        In [0, 1]: how far these were believed.
+    normal : (n, 3) float64
+        Where the outside is, of length 1.
+    """
+
+    asked: NDArray[np.bool_]
+    radius: NDArray[np.float64]
+    middle: NDArray[np.float64]
+    trust: NDArray[np.float64]
+    normal: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        asked = finite_array(self.asked, (None,), "asked", np.bool_)
+        count = len(asked)
+        radius = finite_array(self.radius, (count,), "radius")
+        if (radius[~asked] <= 0).any():
+            raise InputError(
+                "the radius of points that are not asked for must be positive",
+                received=f"minimum {radius[~asked].min()}",
+            )
+        set_fields(
+            self,
+            asked=asked,
+            radius=radius,
+            middle=finite_array(self.middle, (count, 3), "middle"),
+            trust=finite_array(self.trust, (count,), "trust"),
+            normal=finite_array(self.normal, (count, 3), "normal"),
+        )
+
+    def summary(self) -> dict[str, Any]:
+        """Return the figures that a progress line shows."""
+        return {"measured": int(np.count_nonzero(self.asked))}

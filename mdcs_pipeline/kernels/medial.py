@@ -34,6 +34,8 @@ from mdcs_pipeline.kernels.compiled.touching import tangent_radii
 from mdcs_pipeline.kernels.workers import shared_out
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
 
 # A patch with fewer points has no normal to speak of.
 _LEAST = 8
@@ -50,6 +52,8 @@ _OWN = 0.03
 _AROUND = 2.0
 # Scatter is measured in the ball's radius, but in no more than so many first ones.
 _WIDE = 3.0
+# Trust from which a remembered ball tells where the surface is without its noise.
+_SURE = 0.9
 # Neighbours whose normals are farther apart than this cosine are on another side of the limb.
 _ALIKE = 0.2
 
@@ -109,12 +113,28 @@ class Medial(NamedTuple):
     normals: FloatArray
 
 
+class Remembered(NamedTuple):
+    """What was measured before of some of the points.
+
+    Parameters
+    ----------
+    asked : (n,) bool
+        Points to measure.
+    balls : Medial
+        Of the others.
+    """
+
+    asked: BoolArray
+    balls: Medial
+
+
 def medial_places(
     points: FloatArray,
     mass: FloatArray,
     graph: sparse.csr_array,
     radius: FloatArray,
     rule: MedialRule,
+    known: Remembered | None = None,
 ) -> Medial:
     """Return each point's medial place, and its distance from the surface.
 
@@ -127,13 +147,17 @@ def medial_places(
     radius : (n,) float64
         First estimate of the local radius, positive.
     rule : MedialRule
+    known : Remembered, optional
+        What need not be measured again; it stays, and is what its neighbours are judged by.
 
     Returns
     -------
     Medial
     """
-    if not len(points):
-        return Medial(points.copy(), radius.copy(), np.empty(0), points.copy())
+    if known is None:
+        known = _nothing_known(points)
+    if not known.asked.any():
+        return known.balls
     grid = grid_of(points, float(np.median(rule.coarse * radius)))
     chosen, stands = covering(grid, rule.coarse * radius[grid.order])
     # Which of the chosen stands for each point, in the cloud's order.
@@ -143,14 +167,31 @@ def medial_places(
     entries = links.data, (stands[links.row], stands[links.col])
     joined = sparse.csr_array(sparse.coo_array(entries, shape=(len(chosen),) * 2))
     held = np.bincount(stands, mass).astype(np.float64)
-    found = _balls(points[chosen], held, joined, radius[chosen], rule)
+    # What stands for a point that is asked for is measured.
+    asked = np.bincount(stands, known.asked) > 0
+    before = Remembered(asked, _picked(known.balls, chosen))
+    found = _balls(points[chosen], held, joined, radius[chosen], rule, before)
     trust = found.trust[stands]
+    new = known.asked
     return Medial(
-        points + trust[:, None] * (found.places[stands] - points),
-        radius + trust * (found.radius[stands] - radius),
-        trust,
-        found.normals[stands],
+        _where(new, points + trust[:, None] * (found.places[stands] - points), known.balls.places),
+        _where(new, radius + trust * (found.radius[stands] - radius), known.balls.radius),
+        _where(new, trust, known.balls.trust),
+        _where(new, found.normals[stands], known.balls.normals),
     )
+
+
+def _nothing_known(points: FloatArray) -> Remembered:
+    n, none = len(points), np.zeros((len(points), 3))
+    return Remembered(np.ones(n, dtype=bool), Medial(none, np.zeros(n), np.zeros(n), none))
+
+
+def _picked(balls: Medial, rows: NDArray[np.int64]) -> Medial:
+    return Medial(*(held[rows] for held in balls))
+
+
+def _where(asked: BoolArray, found: FloatArray, known: FloatArray) -> FloatArray:
+    return np.where(asked[:, None] if found.ndim > 1 else asked, found, known)
 
 
 def _balls(
@@ -159,29 +200,32 @@ def _balls(
     graph: sparse.csr_array,
     radius: FloatArray,
     rule: MedialRule,
+    known: Remembered,
 ) -> Medial:
     """Return centre and radius of the ball inside that touches the surface at each point."""
     grid = grid_of(points, float(np.median(rule.patch * radius)))
     order = grid.order
     first, reach = radius[order], rule.patch * radius[order]
+    asked, before = known.asked[order], _picked(known.balls, order)
+    which = np.flatnonzero(asked)
     links = graph[order][:, order]
-    fitted = level = grid
+    fitted = level = _levelled(grid, asked, before)
     patches = raw, heights, spreads, widths, bend = _unfitted(reach)
-    changed = np.ones(len(order), dtype=bool)
-    for _ in range(rule.passes):
-        _fit(fitted, mass[order], reach, first, changed, patches)
-        said = _outwards(raw, bend, links)
-        side = np.where(said < 0.0, -1.0, 1.0)
+    raw[~asked] = before.normals[~asked]
+    changed = asked
+    for turn in range(rule.passes):
+        _fit(fitted, mass[order], reach, first, which, changed, patches)
+        said = _outwards(raw, np.where(asked, bend, before.trust), links, which)
+        side = np.where(asked & (said < 0.0), -1.0, 1.0)
         normals = raw * side[:, None]
-        if fitted is grid:
+        if not turn:
             lines = spreads[:, 1] < _LINE * widths
         # A disc of radius ρ on a tube has its mean ρ²/8r under its top, and spreads as much.
         sagging = widths**2 / (8.0 * first)
-        moved = sagging - heights * side
+        moved = np.where(asked, sagging - heights * side, 0.0)
         level = fitted._replace(points=fitted.points + moved[:, None] * normals)
         rough = np.sqrt(np.maximum(spreads[:, 0] ** 2 - sagging**2, 0.0)) / first
-        rough = _shared(medians_alike, grid, normals, reach, rough, ANY)
-        again = rough > rule.rough
+        again = asked & (_median_of_asked(grid, which, normals, reach, rough) > rule.rough)
         if not again.any():
             break
         # What is smooth would only lose its shape.
@@ -190,16 +234,18 @@ def _balls(
         changed = (fitted.points != settled).any(axis=1)
     apart = float(np.sqrt(((level.points - grid.points) ** 2).sum(axis=1).max()))
     most = rule.widest * first
-    ball = _shared(tangent_radii, level, normals, most, rule.apart, rule.pierced, apart)
-    ball = _shared(medians_alike, grid, normals, reach, ball, _ALIKE)
+    ball = before.radius.copy()
+    ball[which] = _shared(which, tangent_radii, level, normals, most, rule.apart, rule.pierced, apart)
+    ball[which] = _shared(which, medians_alike, grid, normals, reach, ball, _ALIKE)
     places = level.points - ball[:, None] * normals
     grown = widths > reach
     around = np.where(grown, _AROUND, 1.0) * widths
+    trust = before.trust.copy()
     # A ball far larger than its limb would make any scatter small.
-    scatter = _shared(scatters, grid, around, places) / np.minimum(ball, _WIDE * first)
-    trust = np.clip((rule.unsure - scatter) / (rule.unsure - rule.sure), 0.0, 1.0)
+    scatter = _shared(which, scatters, grid, around, places) / np.minimum(ball, _WIDE * first)[which]
+    trust[which] = np.clip((rule.unsure - scatter) / (rule.unsure - rule.sure), 0.0, 1.0)
     beyond = np.where(grown, _AROUND * np.maximum(first, widths), 0.0)
-    trust = _shared(medians_alike, grid, normals, beyond, trust, ANY)
+    trust[which] = _shared(which, medians_alike, grid, normals, beyond, trust, ANY)
     # A ball that nothing stops says nothing of a middle.
     trust[ball >= most * (1.0 - 1e-9)] = 0.0
     # Nor has a line a normal, and what does not bend has no inside.
@@ -210,6 +256,15 @@ def _balls(
         scattered(grid, trust),
         scattered(grid, normals),
     )
+
+
+def _levelled(grid: Grid, asked: BoolArray, before: Medial) -> Grid:
+    """Return the grid with the points whose balls are sure on these: there noise has gone."""
+    sure = ~asked & (before.trust >= _SURE)
+    if not sure.any():
+        return grid
+    on_balls = before.places + before.radius[:, None] * before.normals
+    return grid._replace(points=np.where(sure[:, None], on_balls, grid.points))
 
 
 def _unfitted(reach: FloatArray) -> tuple[FloatArray, ...]:
@@ -223,31 +278,50 @@ def _fit(
     mass: FloatArray,
     reach: FloatArray,
     radius: FloatArray,
-    changed: NDArray[np.bool_],
+    asked: IntArray,
+    changed: BoolArray,
     patches: tuple[FloatArray, ...],
 ) -> None:
-    """Fit the patches again that any changed point may be in."""
+    """Fit the patches again of those that are asked for that any changed point may be in."""
     normals, heights, spreads, widths, bend = patches
-    which = np.flatnonzero(near_any(grid, np.maximum(widths, RING * radius), changed))
+    which = asked[near_any(grid, np.maximum(widths, RING * radius), changed, asked)]
     made = shared_out(lambda some: patch_planes(grid, mass, reach, _LEAST, some), which)
     normals[which], heights[which], spreads[which], widths[which] = made
     (bend[which],) = shared_out(lambda some: (bends(grid, normals, radius, some),), which)
 
 
-def _shared(kernel: Callable[..., FloatArray], grid: Grid, *given: Any) -> FloatArray:
-    """Return what a kernel gives for all points of a grid, shared out to threads."""
-    every = np.arange(len(grid.points))
-    return shared_out(lambda some: (kernel(grid, *given, some),), every)[0]
+def _median_of_asked(
+    grid: Grid, which: IntArray, normals: FloatArray, reach: FloatArray, values: FloatArray
+) -> FloatArray:
+    """Return medians over the patches of the points that are asked for, among these alone."""
+    result = np.zeros(len(values))
+    if len(which) == len(values):
+        return _shared(which, medians_alike, grid, normals, reach, values, ANY)
+    own = grid_of(grid.points[which], grid.size)
+    rows = which[own.order]
+    every = np.arange(len(rows))
+    given = normals[rows], reach[rows], values[rows], ANY
+    result[rows] = _shared(every, medians_alike, own, *given)
+    return result
 
 
-def _outwards(normals: FloatArray, bend: FloatArray, graph: sparse.csr_array) -> FloatArray:
+def _shared(
+    which: IntArray, kernel: Callable[..., FloatArray], grid: Grid, *given: Any
+) -> FloatArray:
+    """Return what a kernel gives for some points of a grid, shared out to threads."""
+    return shared_out(lambda some: (kernel(grid, *given, some),), which)[0]
+
+
+def _outwards(
+    normals: FloatArray, bend: FloatArray, graph: sparse.csr_array, which: IntArray
+) -> FloatArray:
     """Return the evidence, in [−1, 1], that normals point outwards: negative where inwards.
 
     Each point's own evidence is the bend of the surface; neighbours whose normals are parallel
-    lend each other theirs.
+    lend each other theirs. Only those of `which` listen.
     """
     own = np.clip(3.0 * bend, -1.0, 1.0)
-    return agreed(graph.indptr, graph.indices, normals, own, _OWN, _ROUNDS)
+    return agreed(graph.indptr, graph.indices, normals, own, _OWN, _ROUNDS, which)
 
 
 def without_gaps(

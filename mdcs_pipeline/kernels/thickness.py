@@ -23,7 +23,7 @@ from mdcs_pipeline.kernels.seeding import spread_points
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
-
+BoolArray = NDArray[np.bool_]
 
 # How much farther apart the points of a coarser graph are.
 _COARSER = 2.0
@@ -58,6 +58,7 @@ def local_radius(
     closed: float,
     slope: float,
     seed: int,
+    known: tuple[BoolArray, FloatArray] | None = None,
 ) -> LocalRadius:
     """Return half the local width of the shape at every point.
 
@@ -75,12 +76,20 @@ def local_radius(
         The radius grows at most by this for every unit of geodesic distance.
     seed : int
         Chooses the first landmark.
+    known : pair of (n,) bool and (n,) float64, optional
+        Points that the radius is asked for, and the radius of the others: landmarks are only
+        spread over the first, as many of them as these are of all points.
 
     Returns
     -------
     LocalRadius
     """
-    sources = spread_points(points, min(landmarks, len(points)), seed)
+    asked = np.ones(len(points), dtype=bool) if known is None else known[0]
+    if known is not None and not asked.any():
+        return LocalRadius(known[1].copy(), np.ones(len(points)), points.copy())
+    places = np.flatnonzero(asked)
+    most = min(-(-landmarks * len(places) // len(points)), len(places))
+    sources = places[spread_points(points[places], most, seed)]
     spacing = float(np.median(graph.data))
     radii = np.geomspace(4.0 * spacing, max(1.5, 8.0 * spacing), 40)
     scale, _, centre = _closed(points, mass, graph, sources, radii, closed)
@@ -99,6 +108,8 @@ def local_radius(
     # The middle of a patch that closed around more than this limb is inside none.
     far = np.linalg.norm(middle - points, axis=1) > 2.0 * radius
     middle[far] = points[far]
+    if known is not None:
+        radius = np.where(asked, radius, known[1])
     return LocalRadius(radius, confidence, middle)
 
 

@@ -35,6 +35,12 @@ class Region:
         Thickness known so far, 0 where there is none.
     middle : (n, 3) float64
         Middle of the limb as known so far; of no meaning where no thickness is.
+    trust : (n,) float64
+        How far both are believed, in [0, 1].
+    normal : (n, 3) float64
+        Where the outside is; 0 where that is not known.
+    changed : (n,) bool
+        Voxels that are new or have moved since they were last taken account of.
     grown : (g,) int64
         Active nodes that stand for much more surface than when they were last made afresh.
     active : (a,) int64
@@ -53,6 +59,9 @@ class Region:
     owner: IntArray
     radius: NDArray[np.float64]
     middle: NDArray[np.float64]
+    trust: NDArray[np.float64]
+    normal: NDArray[np.float64]
+    changed: BoolArray
     grown: IntArray
     active: IntArray
     ring: IntArray
@@ -68,6 +77,9 @@ class Region:
             owner=finite_array(self.owner, (count,), "owner", np.int64),
             radius=finite_array(self.radius, (count,), "radius"),
             middle=finite_array(self.middle, (count, 3), "middle"),
+            trust=finite_array(self.trust, (count,), "trust"),
+            normal=finite_array(self.normal, (count, 3), "normal"),
+            changed=finite_array(self.changed, (count,), "changed", np.bool_),
             grown=finite_array(self.grown, (None,), "grown", np.int64),
             active=finite_array(self.active, (None,), "active", np.int64),
             ring=finite_array(self.ring, (None,), "ring", np.int64),
@@ -83,11 +95,12 @@ class Region:
 
 def empty_region(header: Header, figures: dict[str, Any]) -> Region:
     """Return the region of a frame that changes nothing."""
-    none = np.empty(0, np.int64)
-    never = np.empty(0, np.bool_)
+    none, never = np.empty(0, np.int64), np.empty(0, np.bool_)
+    values, places = np.empty(0), np.empty((0, 3))
     return Region(
-        header, none, never, none, np.empty(0), np.empty((0, 3)), none, none, none, 0, figures
-    )
+        header, none, never, none, values, places, values, places, never, none, none, none, 0,
+        figures,
+    )  # fmt: skip
 
 
 def region_cloud(world: World, region: Region) -> MassCloud:

@@ -35,6 +35,8 @@ _COLUMNS: dict[str, tuple[type, tuple[int, ...], Any]] = {
     "owner": (np.int64, (), NOBODY),
     "radius": (np.float64, (), 0.0),
     "middle": (np.float64, (3,), 0.0),
+    "trust": (np.float32, (), 0.0),
+    "normal": (np.float32, (3,), 0.0),
 }
 
 
@@ -70,6 +72,10 @@ class VoxelMap:
         Local thickness that it was last transported with, 0 where there is none yet.
     middle : (capacity, 3) float64
         Where its mass was carried from then: the middle of its limb.
+    trust : (capacity,) float32
+        How far that is believed, in [0, 1].
+    normal : (capacity, 3) float32
+        Where the outside is, of length 1; 0 where it was not measured yet.
     """
 
     key: IntArray
@@ -83,6 +89,8 @@ class VoxelMap:
     owner: IntArray
     radius: NDArray[np.float64]
     middle: NDArray[np.float64]
+    trust: NDArray[np.float32]
+    normal: NDArray[np.float32]
 
     def __init__(self, size: float) -> None:
         self.size = size

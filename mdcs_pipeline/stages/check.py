@@ -126,7 +126,13 @@ class Check(Stage[CheckSettings]):
         if not false.any():
             return Checked(None, None, rough)
         growth = np.where(false, settings.widening, 1.0)
-        wider = replace(thickness, radius=thickness.radius * growth[owner])
+        # What was widened is no measurement: a loop may be false only for as long as half of a
+        # shape is seen.
+        wider = replace(
+            thickness,
+            radius=thickness.radius * growth[owner],
+            confidence=np.where(false[owner], 0.0, thickness.confidence),
+        )
         back = replace(_sent_back(nodes, false), scale=nodes.scale * growth)
         # What surrounds an update must not move: there a loop waits to be widened.
         if nodes.fixed.any():

@@ -6,8 +6,9 @@ from typing import NamedTuple
 
 from pydantic import Field, model_validator
 
-from mdcs_pipeline.kernels.medial import MedialRule, medial_places, without_gaps
-from mdcs_pipeline.messages import MassCloud, Surface, Thickness
+from mdcs_pipeline.kernels.medial import Medial as Balls
+from mdcs_pipeline.kernels.medial import MedialRule, Remembered, medial_places, without_gaps
+from mdcs_pipeline.messages import Known, MassCloud, Surface, Thickness
 from mdcs_pipeline.stage import Settings, Stage
 
 _RULE = MedialRule()
@@ -91,18 +92,37 @@ class Medial(Stage[MedialSettings]):
 
     Settings = MedialSettings
 
-    def __call__(self, cloud: MassCloud, surface: Surface, thickness: Thickness) -> MedialOutput:
+    def __call__(
+        self,
+        cloud: MassCloud,
+        surface: Surface,
+        thickness: Thickness,
+        known: Known | None = None,
+    ) -> MedialOutput:
         """Return the thickness with the balls' radii and centres, where the surface shows them.
 
-        The surface comes without the links between limbs that these tell apart.
+        The surface comes without the links between limbs that these tell apart. What is known
+        stays as it is, and tells its neighbours.
         """
         rule = self.settings.model_dump()
         gap = rule.pop("gap")
         found = medial_places(
-            cloud.positions, cloud.mass, surface.graph, thickness.radius, MedialRule(**rule)
+            cloud.positions,
+            cloud.mass,
+            surface.graph,
+            thickness.radius,
+            MedialRule(**rule),
+            _remembered(known),
         )
         graph = without_gaps(surface.graph, cloud.positions, found, gap)
         return MedialOutput(
-            Thickness(found.radius, thickness.confidence, found.places),
+            Thickness(found.radius, found.trust, found.places, found.normals),
             Surface(surface.positions, graph),
         )
+
+
+def _remembered(known: Known | None) -> Remembered | None:
+    if known is None:
+        return None
+    balls = Balls(known.middle, known.radius, known.trust, known.normal)
+    return Remembered(known.asked, balls)

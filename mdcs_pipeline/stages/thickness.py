@@ -7,7 +7,7 @@ from typing import NamedTuple
 from pydantic import Field
 
 from mdcs_pipeline.kernels.thickness import local_radius
-from mdcs_pipeline.messages import MassCloud, Surface, Thickness
+from mdcs_pipeline.messages import Known, MassCloud, Surface, Thickness
 from mdcs_pipeline.stage import Settings, Stage
 
 
@@ -41,8 +41,13 @@ class LocalThickness(Stage[ThicknessSettings]):
 
     Settings = ThicknessSettings
 
-    def __call__(self, cloud: MassCloud, surface: Surface) -> ThicknessOutput:
-        """Return r_j in unit lengths with its confidence."""
+    def __call__(
+        self, cloud: MassCloud, surface: Surface, known: Known | None = None
+    ) -> ThicknessOutput:
+        """Return r_j in unit lengths with its confidence.
+
+        What is known is not measured again; fewer landmarks do then.
+        """
         settings = self.settings
         found = local_radius(
             surface.positions,
@@ -52,5 +57,6 @@ class LocalThickness(Stage[ThicknessSettings]):
             settings.closed,
             settings.slope,
             settings.seed,
+            None if known is None else (known.asked, known.radius),
         )
         return ThicknessOutput(Thickness(found.radius, found.confidence, found.centre))

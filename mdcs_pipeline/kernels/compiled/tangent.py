@@ -216,15 +216,17 @@ def agreed(
     own: FloatArray,
     share: float,
     rounds: int,
+    which: IntArray,
 ) -> FloatArray:
     """Return what points say after rounds in which each listens to its neighbours.
 
     s_i ← share · own_i + (1 − share) Σ_j c_ij |c_ij| clip(s_j, −1, 1) / Σ_j c_ij², with the
-    cosines c_ij of the normals at both ends of a link (CSR).
+    cosines c_ij of the normals at both ends of a link (CSR). Only those of `which` listen; the
+    others say what they did.
     """
     n = len(own)
     weights, total = np.empty(len(indices)), np.empty(n)
-    for i in range(n):
+    for i in which:
         squares = 0.0
         for e in range(indptr[i], indptr[i + 1]):
             j, cosine = indices[e], 0.0
@@ -237,7 +239,7 @@ def agreed(
     for _ in range(rounds):
         for k in range(n):
             heard[k] = min(max(said[k], -1.0), 1.0)
-        for i in range(n):
+        for i in which:
             lent = 0.0
             for e in range(indptr[i], indptr[i + 1]):
                 lent += weights[e] * heard[indices[e]]
