@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from mdcs_pipeline.kernels.compiled.grid import Grid, covering, grid_of, near_any, scattered
+from mdcs_pipeline.kernels.compiled.linking import between_groups, within_limbs
 from mdcs_pipeline.kernels.compiled.tangent import (
     ANY,
     RING,
@@ -163,14 +164,11 @@ def medial_places(
     # Which of the chosen stands for each point, in the cloud's order.
     stands = scattered(grid, stands)
     chosen = grid.order[chosen]
-    links = sparse.coo_array(graph)
-    entries = links.data, (stands[links.row], stands[links.col])
-    joined = sparse.csr_array(sparse.coo_array(entries, shape=(len(chosen),) * 2))
     held = np.bincount(stands, mass).astype(np.float64)
     # What stands for a point that is asked for is measured.
     asked = np.bincount(stands, known.asked) > 0
     before = Remembered(asked, _picked(known.balls, chosen))
-    found = _balls(points[chosen], held, joined, radius[chosen], rule, before)
+    found = _balls(points[chosen], held, graph, stands, radius[chosen], rule, before)
     trust = found.trust[stands]
     new = known.asked
     return Medial(
@@ -198,17 +196,22 @@ def _balls(
     points: FloatArray,
     mass: FloatArray,
     graph: sparse.csr_array,
+    stands: IntArray,
     radius: FloatArray,
     rule: MedialRule,
     known: Remembered,
 ) -> Medial:
-    """Return centre and radius of the ball inside that touches the surface at each point."""
+    """Return centre and radius of the ball inside that touches the surface at each point.
+
+    The graph is of all the points that these stand for.
+    """
     grid = grid_of(points, float(np.median(rule.patch * radius)))
     order = grid.order
     first, reach = radius[order], rule.patch * radius[order]
     asked, before = known.asked[order], _picked(known.balls, order)
     which = np.flatnonzero(asked)
-    links = graph[order][:, order]
+    rank = scattered(grid, np.arange(len(order)))
+    links = between_groups(graph.indptr, graph.indices, rank[stands], len(order))
     fitted = level = _levelled(grid, asked, before)
     patches = raw, heights, spreads, widths, bend = _unfitted(reach)
     raw[~asked] = before.normals[~asked]
@@ -313,7 +316,7 @@ def _shared(
 
 
 def _outwards(
-    normals: FloatArray, bend: FloatArray, graph: sparse.csr_array, which: IntArray
+    normals: FloatArray, bend: FloatArray, links: tuple[IntArray, IntArray], which: IntArray
 ) -> FloatArray:
     """Return the evidence, in [−1, 1], that normals point outwards: negative where inwards.
 
@@ -321,7 +324,7 @@ def _outwards(
     lend each other theirs. Only those of `which` listen.
     """
     own = np.clip(3.0 * bend, -1.0, 1.0)
-    return agreed(graph.indptr, graph.indices, normals, own, _OWN, _ROUNDS, which)
+    return agreed(*links, normals, own, _OWN, _ROUNDS, which)
 
 
 def without_gaps(
@@ -344,10 +347,7 @@ def without_gaps(
     -------
     csr_array, (n, n)
     """
-    links = sparse.coo_array(graph)
-    i, j = links.row, links.col
-    sure = np.minimum(found.trust[i], found.trust[j]) > 0.5
-    inside = np.linalg.norm(found.places[i] - found.places[j], axis=1)
-    outside = np.linalg.norm(points[i] - points[j], axis=1)
-    kept = ~sure | (inside - outside <= gap * np.minimum(found.radius[i], found.radius[j]))
-    return sparse.csr_array((links.data[kept], (i[kept], j[kept])), links.shape)
+    kept, rows = within_limbs(
+        graph.indptr, graph.indices, points, found.places, found.radius, found.trust, gap
+    )
+    return sparse.csr_array((graph.data[kept], graph.indices[kept], rows), graph.shape)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
+from mdcs_pipeline.kernels.compiled.linking import along_surface, both_ways
 from mdcs_pipeline.kernels.compiled.neighbours import neighbour_axes
 from mdcs_pipeline.kernels.nearest import nearest
 
@@ -91,15 +92,11 @@ def surface_graph(
     kept = np.ones(length.shape, dtype=bool)
     if steepest < 1.0 and n > 2 * neighbours:
         normal = normals(placed, found.indices[:, : 2 * neighbours])
-        step = (placed[found.indices] - placed[:, None]) / length[:, :, None]
-        here = np.abs(np.einsum("nka,na->nk", step, normal))
-        there = np.abs(np.einsum("nka,nka->nk", step, normal[found.indices]))
-        kept = np.minimum(here, there) <= steepest
-    kept &= np.cumsum(kept, axis=1) <= neighbours
-    rows = np.repeat(np.arange(n), length.shape[1])[kept.ravel()]
-    entries = (length[kept], (rows, found.indices[kept]))
-    one_way = sparse.csr_array(sparse.coo_array(entries, shape=(n, n)))
-    return SurfaceGraph(placed, sparse.csr_array(one_way.maximum(one_way.T)))
+        kept = along_surface(placed, found.indices, length, normal, neighbours, steepest)
+    else:
+        kept[:, neighbours:] = False
+    indptr, indices, data = both_ways(found.indices, length, kept)
+    return SurfaceGraph(placed, sparse.csr_array((data, indices, indptr), shape=(n, n)))
 
 
 def islands(indices: NDArray[np.int64], mass: FloatArray, least: float) -> NDArray[np.bool_]:

@@ -29,8 +29,9 @@ BoolArray = NDArray[np.bool_]
 _COARSER = 2.0
 # Links that a patch in it must be wide to be believed, and those of the smallest that is tried.
 _LINKS, _LEAST = 6.0, 4.0
-# Points up to which there is no need for one.
-_FEW = 1500
+# Points up to which there is no need for one; and points times patches: it has to pay for
+# being made.
+_FEW, _LITTLE = 1500, 600_000
 
 
 class LocalRadius(NamedTuple):
@@ -128,7 +129,8 @@ def _closed(
     """
     where = graph.indptr, graph.indices, graph.data, points, mass
     spacing = float(np.median(graph.data)) if graph.nnz else np.inf
-    if len(points) <= _FEW or radii[-1] < 2.0 * _LINKS * _COARSER * spacing:
+    few = len(points) <= _FEW or len(points) * len(sources) <= _LITTLE
+    if few or radii[-1] < 2.0 * _LINKS * _COARSER * spacing:
         return closing_patches(*where, sources, radii, closed)
     coarse = coarsened(points, mass, graph, _COARSER * spacing)
     apart = float(np.median(coarse.graph.data)) if coarse.graph.nnz else np.inf
