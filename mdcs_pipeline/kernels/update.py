@@ -11,6 +11,9 @@ from scipy.sparse.linalg import splu
 
 FloatArray = NDArray[np.float64]
 
+# Nodes up to which a full matrix is solved sooner than a sparse one is set up.
+_DENSE = 120
+
 
 class Pull(NamedTuple):
     """The quadratic Σ_ij w_ij ‖x_i − y_j‖² that stands for the transport term.
@@ -123,6 +126,13 @@ def relaxed_step(
         served = pulled.total > 0
         goal = nodes.copy()
         goal[served] = pulled.weighted[served] / pulled.total[served, None]
+    elif len(nodes) <= _DENSE:
+        bent = smoothing.toarray()
+        full = weight * (bent.T @ bent)
+        diagonal = full.diagonal() + (1.0 - weight) * pulled.total
+        np.fill_diagonal(full, np.where(diagonal == 0, 1.0, diagonal))
+        right = np.where((diagonal == 0)[:, None], nodes, (1.0 - weight) * pulled.weighted)
+        goal = np.linalg.solve(full, right)
     else:
         left = sparse.diags_array((1.0 - weight) * pulled.total)
         system = sparse.csc_array(left + weight * (smoothing.T @ smoothing))
