@@ -184,11 +184,12 @@ class Thickness:
     radius : (n,) float64
         r_j in unit lengths, positive.
     confidence : (n,) float64
-        In [0, 1]: how far the value is to be believed. Of a patch that was seen to close into
-        a tube 1, less the farther it was carried over the surface; of a medial place whether
-        its neighbours agree on an axis.
+        In [0, 1]: 1 where the patch around a point was seen to close into a tube, less the
+        farther the value was carried over the surface.
     centre : (n, 3) float64, optional
         Centre of the closed patch that r_j came from, near the axis, in the unit frame.
+    trust : (n,) float64, optional
+        In [0, 1]: how far the centre is believed to be a medial place.
     normal : (n, 3) float64, optional
         Where the outside is, of length 1.
     """
@@ -196,6 +197,7 @@ class Thickness:
     radius: NDArray[np.float64]
     confidence: NDArray[np.float64]
     centre: NDArray[np.float64] | None = None
+    trust: NDArray[np.float64] | None = None
     normal: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
@@ -206,6 +208,8 @@ class Thickness:
         set_fields(self, radius=radius, confidence=confidence)
         if self.centre is not None:
             set_fields(self, centre=finite_array(self.centre, (len(radius), 3), "centre"))
+        if self.trust is not None:
+            set_fields(self, trust=finite_array(self.trust, (len(radius),), "trust"))
         if self.normal is not None:
             set_fields(self, normal=finite_array(self.normal, (len(radius), 3), "normal"))
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -10,10 +12,12 @@ from problems import line, random_mass, rotation, torus, tube, two_bars, y_shape
 from scipy import sparse
 from scipy.spatial.distance import cdist
 
+from mdcs_pipeline.kernels import thickness
 from mdcs_pipeline.kernels.canonical import canonical_frame
 from mdcs_pipeline.kernels.coarsening import coarsened
 from mdcs_pipeline.kernels.compiled.farthest import farthest_points
 from mdcs_pipeline.kernels.compiled.heap import heap_drop, heap_push
+from mdcs_pipeline.kernels.compiled.linking import between_groups, both_ways
 from mdcs_pipeline.kernels.compiled.patches import (
     WIDER,
     closing_patches,
@@ -490,6 +494,65 @@ def test_the_radius_grows_by_no_more_than_the_slope():
     entries = sparse.coo_array(graph)
     jump = np.abs(found.radius[entries.row] - found.radius[entries.col])
     assert (jump <= 0.3 * entries.data * (1 + 1e-9)).all()
+
+
+def test_a_known_radius_stays_and_fewer_patches_are_grown(monkeypatch):
+    shape = line(3000, radius=0.1)
+    graph = surface_graph(shape.points, 8, 0).graph
+    asked = shape.points[:, 0] < 0.5
+    grown = []
+    monkeypatch.setattr(
+        thickness,
+        "closing_patches",
+        lambda *given: (grown.append(len(given[5])), closing_patches(*given))[1],
+    )
+    known = asked, np.full(3000, 7.0)
+    given = shape.points, np.full(3000, 1 / 3000), graph, 100, 0.06, 0.15, 0
+    whole, found = local_radius(*given), local_radius(*given, known)
+    assert (found.radius[~asked] == 7.0).all()
+    middle = asked & (shape.points[:, 0] > 0.2)
+    assert np.median(found.radius[middle] / whole.radius[middle]) == pytest.approx(1, abs=0.05)
+    assert grown == [100, np.ceil(100 * asked.mean())]
+
+
+def test_where_all_is_known_nothing_is_measured():
+    shape = line(400)
+    graph = surface_graph(shape.points, 8, 0).graph
+    known = np.zeros(400, bool), np.linspace(1.0, 2.0, 400)
+    found = local_radius(shape.points, np.full(400, 1 / 400), graph, 50, 0.06, 0.15, 0, known)
+    np.testing.assert_array_equal(found.radius, known[1])
+
+
+# ------------------------------------------------------------------------------------- links
+
+
+@given(seed=st.integers(0, 2**31), count=st.integers(1, 40), wide=st.integers(1, 6))
+@settings(max_examples=40, deadline=None)
+def test_links_both_ways_are_those_of_scipy(seed, count, wide):
+    rng = np.random.default_rng(seed)
+    indices = np.array([rng.permutation(count)[:wide] for _ in range(count)])
+    length, kept = rng.uniform(0.1, 1.0, indices.shape), rng.random(indices.shape) < 0.6
+    rows = np.repeat(np.arange(count), indices.shape[1])[kept.ravel()]
+    one_way = sparse.csr_array((length[kept], (rows, indices[kept])), shape=(count, count))
+    indptr, columns, data = both_ways(indices, length, kept)
+    found = sparse.csr_array((data, columns, indptr), shape=(count, count))
+    np.testing.assert_array_equal(found.toarray(), one_way.maximum(one_way.T).toarray())
+    assert all((np.diff(columns[a:b]) > 0).all() for a, b in itertools.pairwise(indptr))
+
+
+@given(seed=st.integers(0, 2**31), count=st.integers(1, 40), groups=st.integers(1, 9))
+@settings(max_examples=40, deadline=None)
+def test_links_between_groups_are_those_of_their_points(seed, count, groups):
+    rng = np.random.default_rng(seed)
+    links = sparse.csr_array(rng.random((count, count)) < 0.1)
+    into = rng.integers(0, groups, count)
+    indptr, columns = between_groups(links.indptr, links.indices, into, groups)
+    found = [set(columns[a:b].tolist()) for a, b in itertools.pairwise(indptr)]
+    wanted = [set() for _ in range(groups)]
+    for i, j in zip(*links.nonzero(), strict=True):
+        wanted[into[i]].add(int(into[j]))
+    assert found == wanted
+    assert len(columns) == sum(map(len, wanted))
 
 
 # ------------------------------------------------------------------------- compiled, seeding

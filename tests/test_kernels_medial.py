@@ -10,7 +10,7 @@ from problems import random_mass, rotation
 from scipy import sparse
 from scipy.spatial import cKDTree
 
-from mdcs_pipeline.kernels.compiled.grid import grid_of, near_any, scattered, within
+from mdcs_pipeline.kernels.compiled.grid import grid_of, near_any, scattered, share_near, within
 from mdcs_pipeline.kernels.compiled.symmetric import principal
 from mdcs_pipeline.kernels.compiled.tangent import (
     bends,
@@ -19,7 +19,7 @@ from mdcs_pipeline.kernels.compiled.tangent import (
     scatters,
 )
 from mdcs_pipeline.kernels.compiled.touching import tangent_radii
-from mdcs_pipeline.kernels.medial import Medial, MedialRule, medial_places, without_gaps
+from mdcs_pipeline.kernels.medial import Medial, MedialRule, Remembered, medial_places, without_gaps
 from mdcs_pipeline.kernels.surface import surface_graph
 
 SEEDS = st.integers(0, 100_000)
@@ -182,10 +182,12 @@ def test_what_no_changed_point_is_near_stays_as_it_was(seed):
     rng = np.random.default_rng(seed)
     grid, reach = grid_of(rng.uniform(-1, 1, (200, 3)), 0.3), rng.uniform(0.05, 0.4, 200)
     changed = rng.random(200) < 0.02
-    touched = near_any(grid, reach, changed)
+    touched = near_any(grid, reach, changed, np.arange(200))
     apart = np.linalg.norm(grid.points[:, None] - grid.points[None], axis=2)
     assert touched[(apart[:, changed] <= reach[:, None]).any(axis=1)].all()
-    assert not near_any(grid, reach, np.zeros(200, bool)).any()
+    some = np.flatnonzero(rng.random(200) < 0.5)
+    np.testing.assert_array_equal(near_any(grid, reach, changed, some), touched[some])
+    assert not near_any(grid, reach, np.zeros(200, bool), some).any()
     found = np.empty(200, np.int64)
     for i in np.flatnonzero(~touched):
         assert not changed[found[: within(grid, grid.points[i], reach[i], found)]].any()
@@ -422,6 +424,76 @@ def test_a_little_noise_leaves_the_middle_where_it_is():
     noisy = points + 0.1 * R * np.random.default_rng(1).standard_normal(points.shape)
     found = found_on(noisy)
     is_middle(found, off_axis(found), inner(points))
+
+
+@given(seed=SEEDS, reach=st.sampled_from([0.0, 0.3, 5.0]))
+@settings(max_examples=15, deadline=None)
+def test_shares_are_those_of_a_count(seed, reach):
+    rng = np.random.default_rng(seed)
+    points, places = rng.uniform(-1, 1, (90, 3)), rng.uniform(-1.5, 1.5, (20, 3))
+    some = rng.random(90) < 0.3
+    grid = grid_of(points, 0.3)
+    found = share_near(grid, some[grid.order], places, np.full(20, reach))
+    near = np.linalg.norm(places[:, None] - points, axis=2) <= reach
+    count = (near & some).sum(axis=1) / np.maximum(near.sum(axis=1), 1)
+    np.testing.assert_allclose(found, count)
+
+
+# ------------------------------------------------------------------------------ remembered
+
+
+def measured_where(asked: np.ndarray, points: np.ndarray, **rule: float) -> tuple[Medial, Medial]:
+    """Return what is found for all points, and with that known but for those asked for."""
+    count = len(points)
+    given = points, np.full(count, 1 / count), surface_graph(points, 12, 0).graph
+    whole = medial_places(*given, np.full(count, GUESS), MedialRule()._replace(**rule))
+    # What is asked for must not be looked up.
+    hidden = (np.where(asked if v.ndim == 1 else asked[:, None], 0.0, v) for v in whole)
+    known = Remembered(asked, Medial(*hidden))
+    guess = np.where(asked, GUESS, whole.radius)
+    return whole, medial_places(*given, guess, MedialRule()._replace(**rule), known)
+
+
+@pytest.mark.parametrize("coarse", [0.0, 0.15])
+def test_what_is_known_stays_and_what_is_asked_for_is_found_beside_it(coarse):
+    rng = np.random.default_rng(4)
+    points = shell(2000, 3) + rng.normal(0, 0.05 * R, (2000, 3))
+    asked = points[:, 0] < 0.4
+    whole, found = measured_where(asked, points, coarse=coarse)
+    for known, kept in zip(whole, found, strict=True):
+        np.testing.assert_array_equal(kept[~asked], known[~asked])
+    there = asked & inner(points)
+    off, usual = off_axis(found)[there], off_axis(whole)[there]
+    assert np.quantile(off, 0.97) < np.quantile(usual, 0.97) + 0.02
+    assert np.median(off) < 0.07
+    assert np.median(found.radius[there]) == pytest.approx(R, rel=0.06)
+    assert found.trust[there].mean() > 0.97
+    facing = np.einsum("na,na->n", found.normals, points * [0, 1, 1])[asked]
+    assert (facing > 0).mean() > 0.98
+
+
+def test_asked_for_all_of_it_nothing_is_looked_up():
+    points = shell(900, 5)
+    whole, found = measured_where(np.ones(900, bool), points)
+    for one, other in zip(whole, found, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_asked_for_nothing_all_is_looked_up():
+    points = shell(900, 5)
+    whole, found = measured_where(np.zeros(900, bool), points)
+    for one, other in zip(whole, found, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_what_is_known_says_where_outside_is(seed):
+    """A lone strip of a tube cannot tell; beside a known shell it faces the way that one does."""
+    points = shell(1600, seed)
+    asked = (points[:, 1] > 0.8 * R) & (np.abs(points[:, 0] - 0.5) < 0.3)
+    _, found = measured_where(asked, points)
+    assert asked.sum() > 30
+    assert (found.normals[asked, 1] > 0).mean() > 0.95
 
 
 # -------------------------------------------------------------------------------- invariance

@@ -9,12 +9,14 @@ import pytest
 import shapes
 from scipy import sparse
 
+from mdcs_pipeline.errors import InputError
 from mdcs_pipeline.kernels.covering import fallen_apart, nearest_node
 from mdcs_pipeline.kernels.merging import close_pairs
 from mdcs_pipeline.kernels.optimise import Descent, optimise
 from mdcs_pipeline.kernels.problem import Accuracy, Problem
 from mdcs_pipeline.messages import (
     Header,
+    Known,
     MassCloud,
     Nodes,
     RoughSkeleton,
@@ -197,26 +199,86 @@ def test_a_fixed_spur_is_not_an_updates_to_shed() -> None:
     assert len(Prune(cover=0.0)(cloud, rough).rough.nodes) == 4
 
 
-def test_recall_gives_back_radius_and_middle_of_what_is_not_taken() -> None:
-    none = np.empty(0, np.int64)
-    known = Region(
-        header=Header(),
-        slots=np.arange(3),
-        taken=np.array([True, False, False]),
-        owner=np.array([4, 4, -1]),
-        radius=np.array([1.0, 2.0, 0.0]),
-        middle=np.full((3, 3), 9.0),
-        grown=none,
-        active=none,
-        ring=none,
-        next_id=5,
-        figures={},
+def rod_region(places: np.ndarray, **given: np.ndarray) -> Region:
+    """Return the region of a straight rod of radius 0.1 about the x-axis, all of it known."""
+    count, none = len(places), np.empty(0, np.int64)
+    normal = places * [0.0, 10.0, 10.0]
+    values = {
+        "slots": np.arange(count),
+        "taken": np.ones(count, bool),
+        "owner": np.full(count, 7),
+        "radius": np.full(count, 0.1),
+        "middle": places - 0.1 * normal,
+        "trust": np.ones(count),
+        "normal": normal,
+        "changed": np.zeros(count, bool),
+        "grown": none,
+        "active": np.array([7]),
+        "ring": none,
+        **given,
+    }
+    return Region(header=Header(), next_id=8, figures={}, **values)
+
+
+def rod(count: int = 2000) -> tuple[np.ndarray, MassCloud]:
+    rng = np.random.default_rng(0)
+    angle, along = rng.uniform(0, 2 * np.pi, count), np.sort(rng.uniform(0, 2, count))
+    places = np.column_stack([along, 0.1 * np.cos(angle), 0.1 * np.sin(angle)])
+    return places, MassCloud(places, np.full(count, 1 / count), UNIT)
+
+
+def test_recall_asks_where_the_surface_around_is_new() -> None:
+    places, cloud = rod()
+    changed = places[:, 0] < 1.0
+    region = rod_region(places, changed=changed)
+    known = Recall()(cloud, region).known
+    assert known.asked[changed].all()
+    # A ball of 1.3 radii reaches 0.083 along a rod of radius 0.1.
+    assert known.asked[~changed & (places[:, 0] < 1.03)].all()
+    assert not known.asked[places[:, 0] > 1.09].any()
+    rest = ~known.asked
+    np.testing.assert_array_equal(known.radius[rest], region.radius[rest])
+    np.testing.assert_array_equal(known.middle[rest], region.middle[rest])
+    np.testing.assert_array_equal(known.normal[rest], region.normal[rest])
+
+
+def test_recall_looks_across_the_limb() -> None:
+    """What faces new surface over its middle is measured again, however far along the surface."""
+    places, cloud = rod()
+    known = Recall()(cloud, rod_region(places, changed=places[:, 1] > 0)).known
+    assert known.asked.all()
+
+
+def test_trust_fades_with_every_change_until_a_point_is_measured_again() -> None:
+    places, cloud = rod()
+    far = places[:, 0] > 1.5
+    region = rod_region(places, changed=np.arange(2000) % 25 == 0)
+    rounds = 0
+    while not (known := Recall()(cloud, region).known).asked[far].mean() > 0.9:
+        assert (known.trust[~known.asked] <= region.trust[~known.asked]).all()
+        region = replace(region, trust=known.trust)
+        rounds += 1
+        assert rounds < 10
+    assert rounds >= 1
+
+
+def test_recall_asks_for_what_is_new_or_was_not_sure_but_not_beyond_the_update() -> None:
+    places, cloud = rod(600)
+    kind = np.arange(600) % 4
+    region = rod_region(
+        places,
+        radius=np.where(kind == 0, 0.0, 0.1),
+        trust=np.where(kind <= 2, 0.4, 1.0),
+        taken=kind != 2,
     )
-    found = Recall()(known, Thickness(np.full(3, 7.0), np.ones(3), np.zeros((3, 3)))).thickness
-    assert found.radius.tolist() == [7.0, 2.0, 7.0]
-    assert found.centre is not None
-    assert found.centre[:, 0].tolist() == [0.0, 9.0, 0.0]
-    assert Recall()(known, Thickness(np.full(3, 7.0), np.ones(3))).thickness.centre is None
+    known = Recall()(cloud, region).known
+    np.testing.assert_array_equal(known.asked, kind < 2)
+
+
+def test_known_points_need_a_radius() -> None:
+    with pytest.raises(InputError, match="positive"):
+        Known(np.zeros(2, bool), np.array([1.0, 0.0]), *np.zeros((1, 2, 3)), *np.zeros((1, 2)),
+              np.zeros((2, 3)))  # fmt: skip
 
 
 @pytest.mark.parametrize(("forsaken", "grown_on"), [(2.5, True), (100.0, False)])
@@ -227,20 +289,7 @@ def test_points_far_from_the_node_that_owns_them_are_seeded_anew(
     along = np.linspace(0.0, 1.0, 101)
     places = np.column_stack([along, np.zeros((101, 2))])
     cloud = MassCloud(places, np.full(101, 1.0 / 101), UNIT)
-    none = np.empty(0, np.int64)
-    region = Region(
-        header=Header(),
-        slots=np.arange(101),
-        taken=np.ones(101, bool),
-        owner=np.full(101, 7),
-        radius=np.full(101, 0.1),
-        middle=places,
-        grown=none,
-        active=np.array([7]),
-        ring=none,
-        next_id=8,
-        figures={},
-    )
+    region = rod_region(places)
     near = sparse.csr_array(sparse.diags_array([np.full(100, 0.01)] * 2, offsets=[-1, 1]))
     found = Newborn(forsaken=forsaken)(
         cloud,

@@ -496,6 +496,11 @@ def test_check_by_separation_widens_the_radius_around_a_false_loop() -> None:
     assert set(np.round(grown, 9)) <= {1.0, 1.5}
     assert grown.max() == pytest.approx(1.5)
     np.testing.assert_array_equal(found.wider.confidence, ball.thickness.confidence)
+    assert found.wider.trust is None
+    trusted = replace(ball.thickness, trust=np.ones(len(grown)))
+    again = stage(ball.cloud, rough, ball.surface, trusted).wider
+    # A widened radius is no measurement.
+    np.testing.assert_array_equal(again.trust, np.where(grown > 1.0, 0.0, 1.0))
     np.testing.assert_allclose(found.rejected.scale[:8], 1.5 * rough.nodes.scale[:8])
     np.testing.assert_array_equal(found.rejected.scale[8:], rough.nodes.scale[8:])
     assert found.rejected.settled.tolist() == [False] * 8 + [True] * 2

@@ -74,6 +74,7 @@ def limb_ends(
     points: FloatArray,
     owner: IntArray,
     rim: BoolArray | None = None,
+    but: BoolArray | None = None,
 ) -> list[End]:
     """Return the leaves of a graph with their direction, radius and openness.
 
@@ -88,6 +89,8 @@ def limb_ends(
         Node of each point.
     rim : (n,) bool, optional
         Points on a rim. With them, nodes on their own count as ends too.
+    but : (m,) bool, optional
+        Nodes whose ends are not asked for.
 
     Returns
     -------
@@ -96,6 +99,8 @@ def limb_ends(
     near = neighbour_sets(len(nodes), pairs)
     ends = []
     for node, partners in enumerate(near):
+        if but is not None and but[node]:
+            continue
         if len(partners) == 1:
             chain = _limb(near, node, nodes, 2.0 * float(scale[node]))
             outward = nodes[node] - nodes[chain[-1]]

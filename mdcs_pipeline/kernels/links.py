@@ -96,7 +96,8 @@ def co_transport(plan: sparse.csr_array, mass: FloatArray, floor: float) -> Link
     """
     kept = _without_small(plan, floor)
     node_mass = np.bincount(plan.indices, plan.data, minlength=plan.shape[1])
-    scaled = sparse.csr_array(sparse.diags_array(1.0 / mass) @ kept)
+    each = np.repeat(1.0 / mass, np.diff(kept.indptr))
+    scaled = sparse.csr_array((each * kept.data, kept.indices, kept.indptr), shape=kept.shape)
     links = _upper(sparse.csr_array(kept.T @ scaled))
     smaller = node_mass[links.pairs].min(axis=1)
     return Links(links.pairs, links.strength / np.maximum(smaller, np.finfo(float).tiny))
@@ -136,9 +137,8 @@ def _without_small(plan: sparse.csr_array, floor: float) -> sparse.csr_array:
     rows = np.repeat(np.arange(plan.shape[0]), np.diff(plan.indptr))
     totals = np.bincount(rows, plan.data, minlength=plan.shape[0])
     kept = plan.data > floor * totals[rows]
-    return sparse.csr_array(
-        sparse.coo_array((plan.data[kept], (rows[kept], plan.indices[kept])), shape=plan.shape)
-    )
+    ends = np.concatenate([[0], np.cumsum(kept)])[plan.indptr].astype(plan.indptr.dtype)
+    return sparse.csr_array((plan.data[kept], plan.indices[kept], ends), shape=plan.shape)
 
 
 def _upper(matrix: sparse.csr_array) -> Links:

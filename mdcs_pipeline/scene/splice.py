@@ -151,7 +151,8 @@ def _own(world: World, region: Region, update: Update, free: set[int]) -> None:
     voxels.radius[taken] = update.thickness.radius[region.taken]
     if update.thickness.centre is not None:
         voxels.middle[taken] = update.thickness.centre[region.taken]
-    voxels.trust[taken] = update.thickness.confidence[region.taken]
+    if update.thickness.trust is not None:
+        voxels.trust[taken] = update.thickness.trust[region.taken]
     if update.thickness.normal is not None:
         voxels.normal[taken] = update.thickness.normal[region.taken]
     voxels.pending[taken] = False

@@ -131,7 +131,7 @@ class Check(Stage[CheckSettings]):
         wider = replace(
             thickness,
             radius=thickness.radius * growth[owner],
-            confidence=np.where(false[owner], 0.0, thickness.confidence),
+            trust=None if thickness.trust is None else np.where(false[owner], 0.0, thickness.trust),
         )
         back = replace(_sent_back(nodes, false), scale=nodes.scale * growth)
         # What surrounds an update must not move: there a loop waits to be widened.

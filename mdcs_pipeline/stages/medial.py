@@ -116,7 +116,7 @@ class Medial(Stage[MedialSettings]):
         )
         graph = without_gaps(surface.graph, cloud.positions, found, gap)
         return MedialOutput(
-            Thickness(found.radius, found.trust, found.places, found.normals),
+            Thickness(found.radius, thickness.confidence, found.places, found.trust, found.normals),
             Surface(surface.positions, graph),
         )
 

@@ -137,8 +137,8 @@ class Smooth(Stage[SmoothSettings]):
         values = np.stack([nodes.mass, nodes.scale, nodes.potentials], axis=1)
         if self.settings.stretch:
             owner = plan_owners(rough.plan.plan)
-            ends = limb_ends(positions, nodes.scale, edges, cloud.positions, owner)
-            positions = stretched(positions, [end for end in ends if not nodes.fixed[end.node]])
+            ends = limb_ends(positions, nodes.scale, edges, cloud.positions, owner, but=nodes.fixed)
+            positions = stretched(positions, ends)
             places = carried_from(cloud, thickness, self.settings.carried)
             for node, tips in lone_segments(nodes.positions, edges, cloud.positions, owner, places):
                 if node < len(nodes) and nodes.fixed[node]:

@@ -208,9 +208,7 @@ def near_any(grid: Grid, reach: FloatArray, some: BoolArray, which: IntArray) ->
 
 
 @njit(cache=True, nogil=True)
-def share_near(
-    grid: Grid, some: BoolArray, places: FloatArray, reach: FloatArray
-) -> FloatArray:
+def share_near(grid: Grid, some: BoolArray, places: FloatArray, reach: FloatArray) -> FloatArray:
     """Return which share of the points within reach of places is of `some`.
 
     Parameters

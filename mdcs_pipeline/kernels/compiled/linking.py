@@ -57,6 +57,27 @@ def along_surface(
 
 
 @njit(cache=True, nogil=True)
+def _named_by(
+    indices: IntArray, length: FloatArray, kept: BoolArray
+) -> tuple[IntArray, IntArray, FloatArray]:
+    """Return rows of the points that name each point, and how far away they are."""
+    n, wide = indices.shape
+    ends = np.zeros(n + 1, np.int64)
+    for i in range(n):
+        for k in range(wide):
+            ends[indices[i, k] + 1] += kept[i, k]
+    ends = np.cumsum(ends)
+    names, far, at = np.empty(ends[n], np.int64), np.empty(ends[n]), ends[:n].copy()
+    for i in range(n):
+        for k in range(wide):
+            if kept[i, k]:
+                j = indices[i, k]
+                names[at[j]], far[at[j]] = i, length[i, k]
+                at[j] += 1
+    return ends, names, far
+
+
+@njit(cache=True, nogil=True)
 def both_ways(
     indices: IntArray, length: FloatArray, kept: BoolArray
 ) -> tuple[Index, Index, FloatArray]:
@@ -76,26 +97,13 @@ def both_ways(
     data : (e,) float64
     """
     n, wide = indices.shape
-    # Rows of what names a point; then, row by row, each pair once to both its ends.
-    ends = np.zeros(n + 1, np.int64)
-    for i in range(n):
-        for k in range(wide):
-            ends[indices[i, k] + 1] += kept[i, k]
-    ends = np.cumsum(ends)
-    named_by, far = np.empty(ends[n], np.int64), np.empty(ends[n])
-    at = ends[:n].copy()
-    for i in range(n):
-        for k in range(wide):
-            if kept[i, k]:
-                j = indices[i, k]
-                named_by[at[j]], far[at[j]] = i, length[i, k]
-                at[j] += 1
+    ends, names, far = _named_by(indices, length, kept)
     first, second = np.empty(2 * ends[n], np.int64), np.empty(2 * ends[n])
     rows, seen, count = np.zeros(n + 1, np.int64), np.full(n, -1), 0
     for i in range(n):
         for e in range(ends[i], ends[i + 1]):
-            first[count], second[count] = named_by[e], far[e]
-            seen[named_by[e]] = count
+            first[count], second[count] = names[e], far[e]
+            seen[names[e]] = count
             count += 1
         for k in range(wide):
             if kept[i, k]:
@@ -107,8 +115,7 @@ def both_ways(
                     count += 1
         rows[i + 1] = count
     # The matrix is its own mirror image, whose rows come out sorted.
-    result, data = np.empty(count, np.int32), np.empty(count)
-    at = rows[:n].copy()
+    result, data, at = np.empty(count, np.int32), np.empty(count), rows[:n].copy()
     for i in range(n):
         for e in range(rows[i], rows[i + 1]):
             j = first[e]
