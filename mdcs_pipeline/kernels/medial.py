@@ -26,6 +26,9 @@ __all__ = ["Medial", "MedialRule", "Remembered", "medial_places", "without_gaps"
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
+# A gap between places of different times, in that between places of one.
+_STALE = 2.0
+
 
 def medial_places(
     points: FloatArray,
@@ -87,7 +90,11 @@ def _where(asked: BoolArray, found: FloatArray, known: FloatArray) -> FloatArray
 
 
 def without_gaps(
-    graph: sparse.csr_array, points: FloatArray, found: Medial, gap: float
+    graph: sparse.csr_array,
+    points: FloatArray,
+    found: Medial,
+    gap: float,
+    known: Remembered | None = None,
 ) -> sparse.csr_array:
     """Return the graph without links through the air between two limbs.
 
@@ -101,12 +108,17 @@ def without_gaps(
     found : Medial
     gap : float
         How much farther apart medial places may be than their points, in the smaller radius.
+    known : Remembered, optional
+        What was not measured now: places from different times lie about their line with less
+        care, so it takes twice the gap.
 
     Returns
     -------
     csr_array, (n, n)
     """
+    asked = True if known is None else known.asked
+    gaps = np.where(asked, gap, _STALE * gap) * np.ones(len(points))
     kept, rows = within_limbs(
-        graph.indptr, graph.indices, points, found.places, found.radius, found.trust, gap
+        graph.indptr, graph.indices, points, found.places, found.radius, found.trust, gaps
     )
     return sparse.csr_array((graph.data[kept], graph.indices[kept], rows), graph.shape)

@@ -104,7 +104,7 @@ class Medial(Stage[MedialSettings]):
         The surface comes without the links between limbs that these tell apart. What is known
         stays as it is, and tells its neighbours.
         """
-        rule = self.settings.model_dump()
+        rule, before = self.settings.model_dump(), _remembered(known)
         gap = rule.pop("gap")
         found = medial_places(
             cloud.positions,
@@ -112,9 +112,9 @@ class Medial(Stage[MedialSettings]):
             surface.graph,
             thickness.radius,
             MedialRule(**rule),
-            _remembered(known),
+            before,
         )
-        graph = without_gaps(surface.graph, cloud.positions, found, gap)
+        graph = without_gaps(surface.graph, cloud.positions, found, gap, before)
         return MedialOutput(
             Thickness(found.radius, thickness.confidence, found.places, found.trust, found.normals),
             Surface(surface.positions, graph),

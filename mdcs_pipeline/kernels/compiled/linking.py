@@ -169,12 +169,12 @@ def within_limbs(
     places: FloatArray,
     radius: FloatArray,
     trust: FloatArray,
-    gap: float,
+    gap: FloatArray,
 ) -> tuple[BoolArray, Index]:
     """Return which links do not lead across a gap, and where each point's begin then (CSR).
 
     One does whose medial places, both believed, are farther apart than its points by more than
-    `gap` of the smaller radius.
+    the larger `gap` of both, in the smaller radius.
     """
     kept, rows = np.ones(len(indices), np.bool_), np.zeros(len(points) + 1, np.int32)
     for i in range(len(points)):
@@ -186,7 +186,7 @@ def within_limbs(
                     inside += (places[i, a] - places[j, a]) ** 2
                     outside += (points[i, a] - points[j, a]) ** 2
                 apart = np.sqrt(inside) - np.sqrt(outside)
-                kept[e] = apart <= gap * min(radius[i], radius[j])
+                kept[e] = apart <= max(gap[i], gap[j]) * min(radius[i], radius[j])
             count += kept[e]
         rows[i + 1] = count
     return kept, rows
