@@ -254,7 +254,7 @@ def test_trust_fades_with_every_change_until_a_point_is_measured_again() -> None
     far = places[:, 0] > 1.5
     region = rod_region(places, changed=np.arange(2000) % 25 == 0)
     rounds = 0
-    while not (known := Recall()(cloud, region).known).asked[far].mean() > 0.9:
+    while not (known := Recall(sure=0.9)(cloud, region).known).asked[far].mean() > 0.9:
         assert (known.trust[~known.asked] <= region.trust[~known.asked]).all()
         region = replace(region, trust=known.trust)
         rounds += 1

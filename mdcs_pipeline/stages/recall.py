@@ -26,11 +26,12 @@ class RecallSettings(Settings):
         "there, and a little more.",
     )
     sure: float = Field(
-        0.9,
+        1.0,
         ge=0,
         le=1,
         description="Trust in its medial place below which a point is measured again. It fades "
-        "with the share of the surface around that is new.",
+        "with the share of the surface around that is new: 1 asks wherever any is. Less is "
+        "cheaper and older.",
     )
 
 
