@@ -27,8 +27,10 @@ _PATCH = 2.0
 _LEAST = 8
 
 
-def flat_groups(points: FloatArray, size: float, flat: float) -> IntArray:
+def flat_groups(points: FloatArray, size: float, flat: float, enough: int) -> IntArray:
     """Return which points to make one: those of a cell where the surface hardly bends.
+
+    The flattest cells come first.
 
     Parameters
     ----------
@@ -37,6 +39,8 @@ def flat_groups(points: FloatArray, size: float, flat: float) -> IntArray:
         Edge of a cell.
     flat : float
         Radius of bend, in `size`, from which the points of a cell are made one.
+    enough : int
+        Groups that are left at least, where there are as many points.
 
     Returns
     -------
@@ -49,11 +53,14 @@ def flat_groups(points: FloatArray, size: float, flat: float) -> IntArray:
     first = np.flatnonzero(np.diff(grid.keys, prepend=-1))
     held = np.diff(first, append=len(points))
     # One patch a cell is enough: neighbouring ones are nearly the same.
-    bend = bend_radii(grid, _middle_ones(grid.points, first, held), _PATCH * size)
-    lead = np.repeat(np.minimum.reduceat(grid.order, first), held)
-    joined = np.repeat(bend >= flat * size, held)
-    named = scattered(grid, np.where(joined, lead, grid.order))
-    return np.unique(named, return_inverse=True)[1].astype(np.int64)
+    bend = bend_radii(grid, _middle_ones(grid, first, held), _PATCH * size)
+    flattest = np.argsort(-bend, kind="stable")
+    left = len(points) - np.cumsum(held[flattest] - 1)
+    joined = np.zeros(len(first), dtype=bool)
+    joined[flattest] = (bend[flattest] >= flat * size) & (left >= enough)
+    lead = np.minimum.reduceat(grid.order, first)
+    stands = np.where(np.repeat(joined, held), np.repeat(lead, held), grid.order)
+    return np.unique(scattered(grid, stands), return_inverse=True)[1].astype(np.int64)
 
 
 def merged(points: FloatArray, weights: FloatArray, group: IntArray) -> Voxels:
@@ -78,10 +85,10 @@ def merged(points: FloatArray, weights: FloatArray, group: IntArray) -> Voxels:
     return Voxels(first + np.stack(means, axis=1), sums)
 
 
-def _middle_ones(points: FloatArray, first: IntArray, held: IntArray) -> IntArray:
-    """Return the point of each run that is nearest to the run's mean, whatever their order."""
-    means = np.add.reduceat(points, first, axis=0) / held[:, None]
-    away = np.square(points - np.repeat(means, held, axis=0)).sum(axis=1)
+def _middle_ones(grid: Grid, first: IntArray, held: IntArray) -> IntArray:
+    """Return the point of each cell that is nearest to the cell's centre, whatever their order."""
+    inside = (grid.points - grid.low) / grid.size
+    away = np.square(inside - np.floor(inside) - 0.5).sum(axis=1)
     nearest = np.flatnonzero(away == np.repeat(np.minimum.reduceat(away, first), held))
     # Of two that are as near, the first.
     return nearest[np.searchsorted(nearest, first)]

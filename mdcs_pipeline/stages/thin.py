@@ -30,7 +30,10 @@ class ThinSettings(Settings):
         description="Radius in which the surface bends, in `voxel`, from which it counts as flat.",
     )
     enough: int = Field(
-        8000, ge=0, description="Clouds of no more points stay as they are: they need them all."
+        6000,
+        ge=0,
+        description="Points that are left at least, the flattest places being thinned first; "
+        "clouds of no more stay as they are.",
     )
 
 
@@ -58,7 +61,7 @@ class Thin(Stage[ThinSettings]):
         if len(cloud) <= settings.enough:
             return Thinned(cloud)
         places = unit_frame(cloud).to_unit(cloud.positions)
-        group = flat_groups(places, settings.voxel, settings.flat)
+        group = flat_groups(places, settings.voxel, settings.flat, settings.enough)
         weights = np.ones(len(cloud)) if cloud.weights is None else cloud.weights
         found = merged(np.asarray(cloud.positions, dtype=np.float64), weights, group)
         return Thinned(PointCloud(found.centroids, found.weights, cloud.header, cloud.dropped))
