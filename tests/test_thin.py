@@ -13,6 +13,7 @@ from mdcs_pipeline.errors import InputError
 from mdcs_pipeline.kernels.compiled.grid import grid_of
 from mdcs_pipeline.kernels.thinning import bend_radii, flat_groups, merged
 from mdcs_pipeline.messages import Header, PointCloud
+from mdcs_pipeline.stages.downsample import unit_frame
 from mdcs_pipeline.stages.thin import Thin
 
 HEADER = Header("map", 7, 3)
@@ -135,6 +136,15 @@ def test_small_clouds_pass_as_they_are() -> None:
     assert len(Thin(voxel=0.05, enough=2000)(cloud).cloud) < 3000
     empty = PointCloud(np.empty((0, 3)))
     assert len(Thin()(empty).cloud) == 0
+
+
+def test_a_voxel_can_be_given_in_input_units() -> None:
+    points = 100.0 * tube(0.2, 3000)
+    given_size = Thin(voxel_size=5.0, enough=0)(PointCloud(points)).cloud
+    unit = unit_frame(PointCloud(points)).length
+    same = Thin(voxel=5.0 / unit, enough=0)(PointCloud(points)).cloud
+    assert len(given_size) < 2000
+    np.testing.assert_array_equal(given_size.positions, same.positions)
 
 
 def test_points_in_one_place_are_refused() -> None:

@@ -24,6 +24,9 @@ class ThinSettings(Settings):
         description="Edge of a voxel in unit lengths (about the diagonal of the cloud) whose "
         "points are joined where the surface is flat: twice that of `downsample` by default.",
     )
+    voxel_size: float | None = Field(
+        None, gt=0, description="Edge of a voxel in input units; replaces `voxel` when given."
+    )
     flat: float = Field(
         1.2,
         gt=0,
@@ -60,8 +63,11 @@ class Thin(Stage[ThinSettings]):
         settings = self.settings
         if len(cloud) <= settings.enough:
             return Thinned(cloud)
-        places = unit_frame(cloud).to_unit(cloud.positions)
-        group = flat_groups(places, settings.voxel, settings.flat, settings.enough)
+        unit, size = unit_frame(cloud), settings.voxel
+        if settings.voxel_size is not None:
+            size = settings.voxel_size / unit.length
+        places = unit.to_unit(cloud.positions)
+        group = flat_groups(places, size, settings.flat, settings.enough)
         weights = np.ones(len(cloud)) if cloud.weights is None else cloud.weights
         found = merged(np.asarray(cloud.positions, dtype=np.float64), weights, group)
         return Thinned(PointCloud(found.centroids, found.weights, cloud.header, cloud.dropped))
