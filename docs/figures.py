@@ -38,7 +38,7 @@ def draw_steps(points: Points, path: Path) -> None:
     """Draw what each part of the default pipeline makes of the demo's cloud."""
     stages: Any = build_graph(load_spec("default")).stages
     clean = stages["clean"](stages["downsample"](points).cloud).cloud
-    cloud = stages["density"](clean).cloud
+    cloud = stages["density"](stages["thin"](clean).cloud).cloud
     surface = stages["surface"](cloud).surface
     thickness = stages["thickness"](cloud, surface).thickness
     thickness, surface = stages["medial"](cloud, surface, thickness)

@@ -20,6 +20,7 @@ from mdcs_pipeline.stages.clean import Clean
 from mdcs_pipeline.stages.combine import Combine
 from mdcs_pipeline.stages.density import Density
 from mdcs_pipeline.stages.downsample import Downsample
+from mdcs_pipeline.stages.thin import Thin
 from mdcs_pipeline.stages.write import Write
 
 o3d = pytest.importorskip("open3d", exc_type=ImportError)
@@ -149,6 +150,7 @@ CALLS: dict[str, Any] = {
     "combine": lambda cloud: Combine()((cloud, cloud)).cloud.positions,
     "density": lambda cloud: Density()(cloud).cloud.positions,
     "downsample": lambda cloud: Downsample()(cloud).cloud.positions,
+    "thin": lambda cloud: Thin(voxel=0.1, enough=0)(cloud).cloud.positions,
 }
 
 
