@@ -41,6 +41,8 @@ class BridgeRule(NamedTuple):
     girth : float
         Least radius of two ends that face each other, in the local radius at their nodes: a rim
         goes around its limb, and a flat hand, whose fingers look like a rim, does not.
+    girth_aim : float
+        The same for an end that aims at its own piece.
     crowd : float
         A bridge between two ends that has more points than this around it, in those of its end,
         leads through the surface. One that is pierced brings about 0.08.
@@ -55,6 +57,7 @@ class BridgeRule(NamedTuple):
     aim_within: float = 0.75
     ratio: float = 3.0
     girth: float = 0.6
+    girth_aim: float = 0.5
     crowd: float = 0.06
     crowd_aim: float = 0.03
 
@@ -191,6 +194,8 @@ def _ahead(
 ) -> int | None:
     """Return the node that a left-over end is joined to, if any."""
     best, goal = np.inf, None
+    # Flat ends close no loop, neither with each other nor with their own limb.
+    rimmed = {e.node for e in opened if e.radius >= rule.girth_aim * shore.scale[e.node]}
     ends = {other.node: other for other in opened}
     length = np.linalg.norm(shore.nodes - end.place, axis=1)
     # The rim of something thick is nearer than its axis.
@@ -201,8 +206,9 @@ def _ahead(
             continue
         faces = node in ends and _cosine(ends[node], end.place) >= rule.facing
         straight = float(end.outward @ (shore.nodes[node] - end.place)) / length[node]
-        apart = piece[node] != piece[end.node] or straight >= rule.aim_within
-        if (faces or apart) and not shore.pierced(end, shore.nodes[node], rule.crowd_aim):
+        flat = end.node not in rimmed or (node in ends and node not in rimmed)
+        within = not flat and (faces or straight >= rule.aim_within)
+        if (within or piece[node] != piece[end.node]) and not shore.pierced(end, shore.nodes[node], rule.crowd_aim):
             best, goal = length[node] / cosine, node
     return goal
 
