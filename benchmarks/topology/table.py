@@ -156,14 +156,26 @@ def report(records: list[Record]) -> str:
 
 def write_readme(records: list[Record], path: Path = README) -> None:
     """Put the tables between the markers of the README, which is made if it is not there."""
-    blank = f"# Benchmarks\n\n## Topology\n\n{BEGIN}\n{END}\n"
-    text = path.read_text(encoding="utf-8") if path.exists() else blank
-    if BEGIN not in text or END not in text:
-        raise ValueError(f"{path} lacks the markers {BEGIN} and {END}")
-    before, rest = text.split(BEGIN, 1)
-    after = rest.split(END, 1)[1]
+    if not path.exists():
+        path.write_text(f"# Benchmarks\n\n## Topology\n\n{BEGIN}\n{END}\n", encoding="utf-8")
+    put_between(path, BEGIN, END, report(records))
+
+
+def put_between(path: Path, begin: str, end: str, content: str) -> None:
+    """Put text between two markers of a file, whole or not at all.
+
+    Raises
+    ------
+    ValueError
+        If a marker is missing.
+    """
+    text = path.read_text(encoding="utf-8")
+    if begin not in text or end not in text:
+        raise ValueError(f"{path} lacks the markers {begin} and {end}")
+    before, rest = text.split(begin, 1)
+    after = rest.split(end, 1)[1]
     part = path.with_suffix(".part")
-    part.write_text(f"{before}{BEGIN}\n\n{report(records)}\n\n{END}{after}", encoding="utf-8")
+    part.write_text(f"{before}{begin}\n\n{content}\n\n{end}{after}", encoding="utf-8")
     part.replace(path)
 
 
