@@ -9,7 +9,17 @@ import pytest
 from scipy.spatial import cKDTree
 from scipy.stats import chisquare
 
-from benchmarks.topology import ablation, audit, methods, models, paper, pool, run, table
+from benchmarks.topology import (
+    ablation,
+    audit,
+    methods,
+    models,
+    paper,
+    pool,
+    run,
+    sensitivity,
+    table,
+)
 from benchmarks.topology.cases import Case, all_cases, select
 from benchmarks.topology.damage import DAMAGES, LEAST_LEFT, least_left
 from benchmarks.topology.peers import Result, prune_spurs
@@ -26,6 +36,7 @@ from benchmarks.topology.solid import (
 )
 from benchmarks.topology.views import seen_by
 from mdcs_pipeline.config import load_spec
+from mdcs_pipeline.errors import ConfigError
 
 EVERY = [*SHAPES, *HELD_OUT]
 
@@ -350,6 +361,17 @@ def test_results_and_tables_round_trip(monkeypatch, tmp_path):
     assert "old" not in text
 
 
+def test_settings_follow_a_configuration():
+    cloud = Case("shapes", "y", "clean", 0).cloud()
+    whole = methods.method("mdcs:default")(cloud)
+    coarse = methods.method("mdcs:default+downsample.voxel=0.05+transport.marginals=balanced")(
+        cloud
+    )
+    with pytest.raises(ConfigError, match="marginals"):
+        methods.method("mdcs:default+transport.marginals=0")(cloud)
+    assert len(coarse.nodes) != len(whole.nodes)
+
+
 def test_an_unknown_method_is_named():
     with pytest.raises(ValueError, match="nonsense"):
         methods.method("nonsense")
@@ -387,3 +409,35 @@ def test_a_stage_is_left_out_and_the_rest_still_fits(stage):
 def test_what_cannot_be_left_out_is_named():
     with pytest.raises(ValueError, match="transport"):
         methods.method("mdcs:without-transport")
+
+
+def test_a_number_moves_by_its_share_and_a_whole_one_stays_whole() -> None:
+    assert sensitivity.moved(0.5, 0.3) == pytest.approx(0.65)
+    assert sensitivity.moved(-0.9, 0.3) == pytest.approx(-1.17)
+    assert [sensitivity.moved(value, -0.3) for value in (1000, 8, 1)] == [700, 6, 0]
+    assert sensitivity.moved(1, 0.3) == 2
+
+
+def test_every_number_of_the_default_configuration_is_varied() -> None:
+    numbers = sensitivity.numbers()
+    assert numbers["transport.epsilon"] == 1.5
+    assert numbers["bridge.girth_aim"] == 0.5
+    assert not {"seed.seed", "transport.power"} & set(numbers)
+    assert not sensitivity.allowed({"merge.cosine": sensitivity.moved(-0.9, 0.3)})
+    assert sensitivity.allowed({"transport.epsilon": sensitivity.moved(1.5, 0.3)})
+
+
+def test_settings_stand_in_the_order_of_what_they_cost() -> None:
+    rows = [
+        sensitivity.Row("a.still", 1.0, 8, None),
+        sensitivity.Row("b.little", 2.0, 8, 7),
+        sensitivity.Row("c.much", 3.0, 4, 9),
+    ]
+    lines = sensitivity.table(10, 8, rows).splitlines()
+    assert lines[4:6] == ["| `c.much` | 3 | -40.0 | +10.0 |", "| `b.little` | 2 | +0.0 | -10.0 |"]
+    assert lines[-1] == "No case changes with `a.still`."
+
+
+def test_a_setting_is_judged_case_by_case() -> None:
+    case = Case("shapes", "y", "clean", 0)
+    assert sensitivity.right([{}, {"downsample.voxel": 0.3}], case) == [True, False]

@@ -221,6 +221,23 @@ def test_a_flat_end_is_no_rim_though_it_looks_open():
         assert bridges(NONE, ends, shore, BridgeRule(aim=2.0)).tolist() == wanted
 
 
+def test_flat_ends_close_no_loop_by_aiming_but_join_pieces():
+    ends = [end(0, [0, 0, 0], [1, 0, 0]), end(1, [0.5, 0, 0], [-1, 0, 0])]
+    nodes = np.array([[0.0, 0, 0], [0.5, 0, 0], [0.25, 2, 0]])
+    one_piece = np.array([[0, 2], [1, 2]])
+    # No two rims that face each other: one has to aim at the other.
+    rule = BridgeRule(girth=0.9)
+    for pairs, scale, wanted in (
+        (one_piece, 0.15, [[0, 1]]),
+        (one_piece, 0.25, []),
+        (NONE, 0.25, [[0, 1]]),
+    ):
+        shore = Shore(nodes, np.array([scale, 0.1, 0.1]), NOWHERE, np.empty(0, np.int64))
+        assert bridges(pairs, ends, shore, rule).tolist() == wanted
+        shore = shore._replace(scale=np.array([0.1, scale, 0.1]))
+        assert bridges(pairs, ends, shore, rule).tolist() == wanted
+
+
 def test_a_ring_is_closed_along_its_circle_though_its_ends_look_away():
     # A gap of 200 degrees: the tangents of its ends stand 100 degrees off their chord.
     turn = np.deg2rad(80.0)

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import numpy as np
+import yaml
 
 from benchmarks.topology import ablation, peers
 from benchmarks.topology.peers import Result
@@ -23,16 +25,18 @@ PEERS: dict[str, Method] = {
 }
 
 
-def mdcs(points: Floats, config: str) -> Result:
-    """Run this project's own method with a configuration by name or path."""
+def mdcs(points: Floats, config: str, settings: dict[str, Any] | None = None) -> Result:
+    """Run this project's own method with a configuration by name or path, and other settings."""
     import mdcs_pipeline
 
-    made = mdcs_pipeline.skeletonize(points, config=config)
+    made = mdcs_pipeline.skeletonize(points, config=config, **(settings or {}))
     return Result(np.asarray(made.nodes), np.asarray(made.edges), np.asarray(made.radius))
 
 
 def method(name: str) -> Method:
     """Return the method called `name`: ``mdcs:CONFIG``, ``mdcs:without-STAGE`` or a peer.
+
+    Settings of a configuration follow it as ``+STAGE.SETTING=VALUE``.
 
     Raises
     ------
@@ -42,7 +46,10 @@ def method(name: str) -> Method:
     if name.startswith("mdcs:without-"):
         return partial(mdcs, config=ablation.without(name.removeprefix("mdcs:without-")))
     if name.startswith("mdcs:"):
-        return partial(mdcs, config=name.removeprefix("mdcs:"))
+        config, *changes = name.removeprefix("mdcs:").split("+")
+        pairs = (change.partition("=")[::2] for change in changes)
+        settings = {setting: yaml.safe_load(value) for setting, value in pairs}
+        return partial(mdcs, config=config, settings=settings)
     if name in PEERS:
         return PEERS[name]
     raise ValueError(

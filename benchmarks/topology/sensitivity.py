@@ -137,7 +137,9 @@ def table(cases: int, base: int, rows: list[Row]) -> str:
         if row.less in (base, None) and row.more in (base, None):
             still.append(f"`{row.setting}`")
         else:
-            lines.append(f"| `{row.setting}` | {row.value:g} | {cell(row.less)} | {cell(row.more)} |")
+            lines.append(
+                f"| `{row.setting}` | {row.value:g} | {cell(row.less)} | {cell(row.more)} |"
+            )
     return "\n".join([*lines, "", f"No case changes with {', '.join(sorted(still))}."])
 
 

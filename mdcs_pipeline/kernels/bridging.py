@@ -208,7 +208,9 @@ def _ahead(
         straight = float(end.outward @ (shore.nodes[node] - end.place)) / length[node]
         flat = end.node not in rimmed or (node in ends and node not in rimmed)
         within = not flat and (faces or straight >= rule.aim_within)
-        if (within or piece[node] != piece[end.node]) and not shore.pierced(end, shore.nodes[node], rule.crowd_aim):
+        if (within or piece[node] != piece[end.node]) and not shore.pierced(
+            end, shore.nodes[node], rule.crowd_aim
+        ):
             best, goal = length[node] / cosine, node
     return goal
 

@@ -61,6 +61,11 @@ class BridgeSettings(Settings):
         ge=0,
         description="Least radius of two ends that face each other, in their local radius.",
     )
+    girth_aim: float = Field(
+        _RULE.girth_aim,
+        ge=0,
+        description="The same for an end that aims at its own piece.",
+    )
     crowd: float = Field(
         _RULE.crowd,
         ge=0,

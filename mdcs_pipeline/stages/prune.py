@@ -50,19 +50,13 @@ class Prune(Stage[PruneSettings]):
         owner = plan_owners(rough.plan.plan)
         counts = np.bincount(owner, minlength=len(rough.nodes))
         strays = shed_strays(rough.nodes.scale, counts, rough.edges, self.settings.cover)
-        shed = _shed(rough, strays)
+        shed = gathered(rough, _free(strays, rough.nodes.fixed))
         if shed is not rough:
             rough, owner = shed, plan_owners(shed.plan.plan)
         nodes = rough.nodes
         ends = limb_ends(nodes.positions, nodes.scale, rough.edges, cloud.positions, owner)
         into = shed_spurs(nodes.positions, nodes.scale, rough.edges, ends, self.settings.length)
-        return Pruned(_shed(rough, into))
-
-
-def _shed(rough: RoughSkeleton, into: IntArray) -> RoughSkeleton:
-    """Return the skeleton with nodes made one; the same where each stays what it is."""
-    free = _free(into, rough.nodes.fixed)
-    return rough if np.array_equal(free, np.arange(len(free))) else gathered(rough, free)
+        return Pruned(gathered(rough, _free(into, nodes.fixed)))
 
 
 def _free(into: IntArray, fixed: BoolArray) -> IntArray:
