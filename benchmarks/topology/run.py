@@ -30,7 +30,8 @@ def parser() -> argparse.ArgumentParser:
     add = made.add_argument
     add("--method", action="append", dest="methods", metavar="NAME",
         help="mdcs:CONFIG[+STAGE.SETTING=VALUE..], mdcs:without-STAGE, pygel, pygel-raw, "
-        "pygel-ls, pygel-ls-raw, pc-skeletor, pc-skeletor-pruned; several are allowed (default mdcs:default)")  # fmt: skip
+        "pygel-ls, pygel-ls-raw, pc-skeletor, pc-skeletor-pruned; several are "
+        "allowed (default mdcs:default)")  # fmt: skip
     add("--suites", default="shapes", metavar="RE,..",
         help="shapes, held-out, real, table4, spacing, fig13, fig14 or .*")  # fmt: skip
     add("--shapes", metavar="RE,..", help="only shapes (or models) whose whole name matches")
