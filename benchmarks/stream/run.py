@@ -77,7 +77,9 @@ def cold(points: Floats, voxel: float | None = None) -> Cold:
     scene's size, would be too coarse for a scene that is long and thin.
     """
     counter = Entries()
-    settings = {} if voxel is None else {"downsample.voxel_size": voxel}
+    settings: dict[str, float] = {}
+    if voxel is not None:
+        settings = {"downsample.voxel_size": voxel, "thin.voxel_size": 2.0 * voxel}
     with Pipeline.from_config("default", hooks=[counter], **settings) as pipe:
         began, cpu = time.perf_counter(), time.thread_time()
         skeleton = pipe.push(points)
