@@ -435,7 +435,7 @@ def test_settings_stand_in_the_order_of_what_they_cost() -> None:
     ]
     lines = sensitivity.table(10, 8, rows).splitlines()
     assert lines[4:6] == ["| `c.much` | 3 | -40.0 | +10.0 |", "| `b.little` | 2 | +0.0 | -10.0 |"]
-    assert lines[-1] == "No case changes with `a.still`."
+    assert lines[-1] == "The count stays the same with `a.still`."
 
 
 def test_a_setting_is_judged_case_by_case() -> None:

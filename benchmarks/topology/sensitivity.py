@@ -140,7 +140,7 @@ def table(cases: int, base: int, rows: list[Row]) -> str:
             lines.append(
                 f"| `{row.setting}` | {row.value:g} | {cell(row.less)} | {cell(row.more)} |"
             )
-    return "\n".join([*lines, "", f"No case changes with {', '.join(sorted(still))}."])
+    return "\n".join([*lines, "", f"The count stays the same with {', '.join(sorted(still))}."])
 
 
 def main(argv: list[str] | None = None) -> int:
