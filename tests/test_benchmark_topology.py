@@ -328,6 +328,7 @@ def test_filters_choose_whole_names():
     assert {c.damage for c in chosen} == {"noise-0.15", "noise-0.3", "noise-0.5"}
     assert {c.seed for c in chosen} == {0, 1}
     assert len(set(all_cases(3))) == len(all_cases(3))
+    assert {c.seed for c in select(2, first=100)} == {100, 101}
     assert not {c.shape for c in select(1, "shapes")} & set(HELD_OUT)
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from benchmarks.files import put_between
+
 README = Path(__file__).resolve().parents[1] / "README.md"
 BEGIN, END = "<!-- speed:begin -->", "<!-- speed:end -->"
 Figures = dict[str, Any]
@@ -135,7 +137,4 @@ def report(held: Figures) -> str:
 
 def write_readme(text: str) -> None:
     """Put the tables between their marks."""
-    held = README.read_text(encoding="utf-8")
-    before, rest = held.split(BEGIN)
-    _, after = rest.split(END)
-    README.write_text(f"{before}{BEGIN}\n\n{text}\n{END}{after}", encoding="utf-8")
+    put_between(README, BEGIN, END, text)

@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.files import put_between
+
 README = Path(__file__).resolve().parents[1] / "README.md"
 _BEGIN, _END = "<!-- stream: begin -->", "<!-- stream: end -->"
 
@@ -218,11 +220,7 @@ def orbit_table(orbits: list[dict[str, Any]]) -> str:
 
 def write_readme(found: dict[str, Any], path: Path = README) -> None:
     """Put the tables between the markers of the README."""
-    text = path.read_text(encoding="utf-8")
-    before, _, rest = text.partition(_BEGIN)
-    _, _, after = rest.partition(_END)
     parts = [table(found)]
     if found.get("orbits"):
         parts.append(orbit_table(found["orbits"]))
-    body = "\n\n".join(parts)
-    path.write_text(f"{before}{_BEGIN}\n{body}\n{_END}{after}", encoding="utf-8")
+    put_between(path, _BEGIN, _END, "\n\n".join(parts))

@@ -63,8 +63,8 @@ class Case:
         return make(self.shape)
 
 
-def all_cases(seeds: int) -> list[Case]:
-    """Return every case over seeds 0 .. `seeds` - 1; those of absent data are left out."""
+def all_cases(seeds: int, first: int = 0) -> list[Case]:
+    """Return every case over so many seeds from `first`; those of absent data are left out."""
     parts = [
         ("shapes", SHAPES, DAMAGES),
         ("held-out", HELD_OUT, DAMAGES),
@@ -80,7 +80,7 @@ def all_cases(seeds: int) -> list[Case]:
     return [
         Case(suite, shape, damage, seed)
         for suite, shapes, damages in parts
-        for shape, damage, seed in product(shapes, damages, range(seeds))
+        for shape, damage, seed in product(shapes, damages, range(first, first + seeds))
     ]
 
 
@@ -95,12 +95,13 @@ def select(
     shapes: str | None = None,
     damages: str | None = None,
     quick: bool = False,
+    first: int = 0,
 ) -> list[Case]:
     """Return the cases that the filters leave.
 
     Each filter is a comma-separated list of regular expressions that must match a whole name.
     """
-    chosen = [c for c in all_cases(1 if quick else seeds) if _matches(suites, c.suite)]
+    chosen = [c for c in all_cases(1 if quick else seeds, first) if _matches(suites, c.suite)]
     if shapes:
         chosen = [c for c in chosen if _matches(shapes, c.shape)]
     elif quick:

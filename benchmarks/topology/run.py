@@ -14,6 +14,7 @@ import time
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
+from benchmarks.files import write_whole
 from benchmarks.topology import models
 from benchmarks.topology.cases import Case, select
 from benchmarks.topology.methods import method
@@ -37,6 +38,7 @@ def parser() -> argparse.ArgumentParser:
     add("--shapes", metavar="RE,..", help="only shapes (or models) whose whole name matches")
     add("--cases", metavar="RE,..", help="only damages whose whole name matches, as noise-.*")
     add("--seeds", type=int, default=3, help="seeds a case (default 3)")
+    add("--first-seed", type=int, default=0, help="the first of them (default 0)")
     add("--jobs", type=int, default=2, help="processes (default 2)")
     add("--timeout", type=float, default=120.0, help="seconds a case may take (default 120)")
     add("--quick", action="store_true", help="one seed, eight shapes, seven damages")
@@ -61,11 +63,7 @@ def about() -> dict[str, str]:
 
 def save(path: Path, records: list[Record]) -> None:
     """Write the results whole or not at all."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    text = json.dumps({"about": about(), "records": records}, indent=0)
-    part = path.with_suffix(".part")
-    part.write_text(text, encoding="utf-8")
-    part.replace(path)
+    write_whole(path, json.dumps({"about": about(), "records": records}, indent=0))
 
 
 def load(path: Path) -> list[Record]:
@@ -104,7 +102,7 @@ def main(argv: list[str] | None = None) -> int:
     methods = args.methods or ["mdcs:default"]
     for name in methods:
         method(name)
-    cases = select(args.seeds, args.suites, args.shapes, args.cases, args.quick)
+    cases = select(args.seeds, args.suites, args.shapes, args.cases, args.quick, args.first_seed)
     if args.list:
         print("\n".join(case.name for case in cases))
         return 0

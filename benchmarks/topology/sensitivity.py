@@ -18,9 +18,10 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.files import put_between, write_whole
 from benchmarks.topology.cases import QUICK_SHAPES, Case
 from benchmarks.topology.score import failed, score
-from benchmarks.topology.table import README, put_between
+from benchmarks.topology.table import README
 
 RESULTS = Path(__file__).resolve().parents[1] / "results" / "sensitivity.json"
 BEGIN, END = "<!-- sensitivity:begin -->", "<!-- sensitivity:end -->"
@@ -160,9 +161,8 @@ def main(argv: list[str] | None = None) -> int:
         for seed in range(args.seeds)
     ]
     base, rows = measure(cases, args.jobs)
-    args.out.parent.mkdir(parents=True, exist_ok=True)
     held = {"cases": len(cases), "right": base, "rows": [asdict(row) for row in rows]}
-    args.out.write_text(json.dumps(held, indent=0), encoding="utf-8")
+    write_whole(args.out, json.dumps(held, indent=0))
     text = table(len(cases), base, rows)
     print(text)
     if args.readme:

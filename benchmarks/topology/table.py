@@ -9,6 +9,8 @@ from pathlib import Path
 from statistics import mean, median
 from typing import Any
 
+from benchmarks.files import put_between
+
 Record = dict[str, Any]
 README = Path(__file__).resolve().parents[1] / "README.md"
 BEGIN, END = "<!-- topology:begin -->", "<!-- topology:end -->"
@@ -159,24 +161,6 @@ def write_readme(records: list[Record], path: Path = README) -> None:
     if not path.exists():
         path.write_text(f"# Benchmarks\n\n## Topology\n\n{BEGIN}\n{END}\n", encoding="utf-8")
     put_between(path, BEGIN, END, report(records))
-
-
-def put_between(path: Path, begin: str, end: str, content: str) -> None:
-    """Put text between two markers of a file, whole or not at all.
-
-    Raises
-    ------
-    ValueError
-        If a marker is missing.
-    """
-    text = path.read_text(encoding="utf-8")
-    if begin not in text or end not in text:
-        raise ValueError(f"{path} lacks the markers {begin} and {end}")
-    before, rest = text.split(begin, 1)
-    after = rest.split(end, 1)[1]
-    part = path.with_suffix(".part")
-    part.write_text(f"{before}{begin}\n\n{content}\n\n{end}{after}", encoding="utf-8")
-    part.replace(path)
 
 
 def main() -> None:

@@ -55,9 +55,7 @@ class Downsample(Stage[DownsampleSettings]):
         """
         cloud = given_cloud(cloud)
         unit = unit_frame(cloud)
-        size = self.settings.voxel
-        if self.settings.voxel_size is not None:
-            size = self.settings.voxel_size / unit.length
+        size = voxel_edge(self.settings.voxel, self.settings.voxel_size, unit)
         try:
             voxels = voxel_means(
                 cloud.positions,
@@ -73,6 +71,11 @@ class Downsample(Stage[DownsampleSettings]):
             ) from error
         positions = unit.from_unit(voxels.centroids)
         return Downsampled(PointCloud(positions, voxels.weights, cloud.header, cloud.dropped))
+
+
+def voxel_edge(voxel: float, voxel_size: float | None, unit: UnitFrame) -> float:
+    """Return the edge of a voxel in unit lengths, from one in these or else in input units."""
+    return voxel if voxel_size is None else voxel_size / unit.length
 
 
 def unit_frame(cloud: PointCloud) -> UnitFrame:

@@ -11,7 +11,7 @@ from mdcs_pipeline.ingest import given_cloud
 from mdcs_pipeline.kernels.thinning import flat_groups, merged
 from mdcs_pipeline.messages import PointCloud
 from mdcs_pipeline.stage import Settings, Stage
-from mdcs_pipeline.stages.downsample import unit_frame
+from mdcs_pipeline.stages.downsample import unit_frame, voxel_edge
 
 
 class ThinSettings(Settings):
@@ -63,9 +63,8 @@ class Thin(Stage[ThinSettings]):
         settings = self.settings
         if len(cloud) <= settings.enough:
             return Thinned(cloud)
-        unit, size = unit_frame(cloud), settings.voxel
-        if settings.voxel_size is not None:
-            size = settings.voxel_size / unit.length
+        unit = unit_frame(cloud)
+        size = voxel_edge(settings.voxel, settings.voxel_size, unit)
         places = unit.to_unit(cloud.positions)
         group = flat_groups(places, size, settings.flat, settings.enough)
         weights = np.ones(len(cloud)) if cloud.weights is None else cloud.weights
