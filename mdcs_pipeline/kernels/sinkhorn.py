@@ -172,7 +172,8 @@ def couple_free(
     lists = listed(boxes, sites, -epsilon * log_cut)
     cloud = boxes.points, boxes.weight, boxes.mass, BOX, boxes.centres
     span, like = (0, len(boxes.low)), types_of(accuracy.kind)
-    total, g = free_boxes(*cloud, sites.sites, lists, epsilon, log_cut, span, like)
+    total, sums, top = free_boxes(*cloud, sites.sites, lists, epsilon, log_cut, span, like)
+    g = epsilon * np.log(boxes.mass / sums) - top
     return Coupling(
         boxes,
         sites,

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from mdcs_pipeline.kernels.compiled.blocks import fill_row, gather, padded, paired
+from mdcs_pipeline.kernels.compiled.exponential import vector_exp
 from mdcs_pipeline.kernels.compiled.types import FloatArray, IntArray
 
 
@@ -47,12 +47,74 @@ def scatter(nodes: IntArray, carried: Any, centre: FloatArray, total: FloatArray
 
 
 @njit(cache=True, nogil=True, fastmath=True)
-def total_of(row: Any) -> Any:
-    """Return the sum of a row."""
-    total = row.dtype.type(0.0)
-    for k in range(len(row)):
-        total += row[k]
-    return total
+def _exponents(
+    x: tuple[float, float, float], near: float, f: float, cloud: Any, row: Any, least: Any
+) -> None:
+    """Write (c_ij − f_i)/ε of a node and a box's points, and lower `least` to it."""
+    y0, y1, y2, weight = cloud[0], cloud[1], cloud[2], cloud[3]
+    x0, x1, x2 = x
+    zero = least.dtype.type(0.0)
+    for j in range(len(row)):
+        a, b, c = x0 - y0[j], x1 - y1[j], x2 - y2[j]
+        value = max((a * a + b * b + c * c) * near * weight[j] - f, zero)
+        row[j] = value
+        least[j] = min(least[j], value)
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _entries(row: Any, least: Any, farthest: Any, sums: Any) -> bool:
+    """Turn a node's exponents into kernel entries, 1 for each point's best, and sum them up.
+
+    Returns
+    -------
+    bool
+        Whether there is any: lists hold nodes that no point of their box needs.
+    """
+    zero, served = least.dtype.type(0.0), 0
+    for j in range(len(row)):
+        served += row[j] - least[j] <= farthest
+    if served == 0:
+        return False
+    for j in range(len(row)):
+        above = row[j] - least[j]
+        kept = vector_exp(-min(above, farthest), least)
+        entry = kept if above <= farthest else zero
+        row[j] = entry
+        sums[j] += entry
+    return True
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _shares(cloud: Any, mass: Any, sums: Any, shares: Any) -> None:
+    """Write what an entry of 1 carries: π, π w, π w y, π/w with w = 1/r_j, a row each."""
+    for j in range(len(mass)):
+        v = mass[j] / sums[j]
+        heavy = v * cloud[3, j]
+        shares[0, j], shares[1, j], shares[5, j] = v, heavy, v / cloud[3, j]
+        for a in range(3):
+            shares[2 + a, j] = heavy * cloud[a, j]
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _carry(row: Any, shares: Any, centre: FloatArray, total: FloatArray, i: int) -> None:
+    """Add what a box's points, with places from its centre, carry to node i."""
+    s0, s1, s2, s3, s4, s5 = shares[0], shares[1], shares[2], shares[3], shares[4], shares[5]
+    zero = shares.dtype.type(0.0)
+    c0, c1, c2, c3, c4, c5 = zero, zero, zero, zero, zero, zero
+    for j in range(len(row)):
+        entry = row[j]
+        c0 += s0[j] * entry
+        c1 += s1[j] * entry
+        c2 += s2[j] * entry
+        c3 += s3[j] * entry
+        c4 += s4[j] * entry
+        c5 += s5[j] * entry
+    total[0, i] += c0
+    total[1, i] += c1
+    total[2, i] += c2 + centre[0] * c1
+    total[3, i] += c3 + centre[1] * c1
+    total[4, i] += c4 + centre[2] * c1
+    total[5, i] += c5
 
 
 @njit(cache=True, nogil=True)
@@ -68,8 +130,11 @@ def free_boxes(
     log_cut: float,
     span: tuple[int, int],
     like: Any,
-) -> tuple[FloatArray, FloatArray]:
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return what nodes receive at their potentials, without a kernel that is kept.
+
+    A box is worked on node by node, all its points at once: lists are often shorter than a
+    vector register, boxes never.
 
     Parameters
     ----------
@@ -84,36 +149,55 @@ def free_boxes(
     -------
     total : (6, m) float64
         Σ π_ij, Σ π_ij/r_j, Σ π_ij y_j/r_j and Σ π_ij r_j over the points of these boxes.
-    potentials : (n',) float64
-        g_j of these points.
+    sums, top : (n',) float64
+        s_j = Σ_i exp((f_i − c_ij − top_j)/ε) and top_j = max_i(f_i − c_ij) of these points.
     """
     indptr, indices, levels = lists
     n, kind = len(points), like[0].dtype
     real = kind.type
-    start, stop = span[0] * size, min(n, span[1] * size)
+    first = span[0] * size
     total = np.zeros((6, sites.shape[1]))
-    potentials = np.empty(stop - start)
+    totals, tops = (
+        np.empty(min(n, span[1] * size) - first),
+        np.empty(min(n, span[1] * size) - first),
+    )
     longest = 0
     for b in range(span[0], span[1]):
-        longest = max(longest, padded(indptr[b + 1] - indptr[b]))
-    local, carried = np.empty((5, longest), kind), np.empty((6, longest), kind)
-    row = paired(longest, like)
+        longest = max(longest, indptr[b + 1] - indptr[b])
+    block, cloud = np.empty((longest, size), kind), np.empty((4, size), kind)
+    shares, own = np.empty((6, size), kind), np.empty(size, kind)
+    least, sums, kept = np.empty(size, kind), np.empty(size, kind), np.empty(longest, np.int64)
     for b in range(span[0], span[1]):
         nodes, centre = indices[indptr[b] : indptr[b + 1]], centres[b]
-        width = padded(len(nodes))
-        gather(nodes, sites, centre, epsilon, levels[b], local)
-        carried[:, :width] = 0.0
-        for j in range(b * size, min(n, (b + 1) * size)):
-            y0 = real(points[j, 0] - centre[0])
-            y1 = real(points[j, 1] - centre[1])
-            y2 = real(points[j, 2] - centre[2])
-            w = real(weight[j])
-            high = fill_row(y0, y1, y2, w, local, width, log_cut, row)
-            s = total_of(row[0][:width])
-            add_row(row[0][:width], real(mass[j] / s), y0, y1, y2, w, carried)
-            potentials[j - start] = epsilon * (np.log(mass[j] / s) - high) - levels[b]
-        scatter(nodes, carried, centre, total)
-    return total, potentials
+        start = b * size
+        held = min(n, start + size) - start
+        for j in range(size):
+            # What fills up the last box is its last point again, without mass.
+            at = start + min(j, held - 1)
+            for a in range(3):
+                cloud[a, j] = points[at, a] - centre[a]
+            cloud[3, j], own[j] = weight[at], mass[at] if j < held else 0.0
+        least[:], sums[:] = np.inf, 0.0
+        for k in range(len(nodes)):
+            i = nodes[k]
+            x = (
+                real(sites[0, i] - centre[0]),
+                real(sites[1, i] - centre[1]),
+                real(sites[2, i] - centre[2]),
+            )
+            near, f = real(sites[6, i] / epsilon), real((sites[7, i] - levels[b]) / epsilon)
+            _exponents(x, near, f, cloud, block[k], least)
+        count = 0
+        for k in range(len(nodes)):
+            if _entries(block[k], least, real(-log_cut), sums):
+                kept[count] = k
+                count += 1
+        _shares(cloud, own, sums, shares)
+        for k in kept[:count]:
+            _carry(block[k], shares, centre, total, nodes[k])
+        where = slice(start - first, start - first + held)
+        totals[where], tops[where] = sums[:held], levels[b] - epsilon * least[:held]
+    return total, totals, tops
 
 
 @njit(cache=True, nogil=True)
