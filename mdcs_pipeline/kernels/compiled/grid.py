@@ -63,21 +63,60 @@ def grid_of(points: FloatArray, size: float) -> Grid:
     -------
     Grid
     """
-    low = points.min(axis=0, initial=np.inf)
-    extent = float((points.max(axis=0, initial=-np.inf) - low).max(initial=0.0))
+    points = np.ascontiguousarray(points, dtype=np.float64)
+    low, high = _bounds(points)
+    extent = float((high - low).max()) if len(points) else 0.0
     size = max(size, 2.0 * extent / _MOST, np.finfo(float).tiny)
+    shape = np.ones(3, np.int64)
+    if len(points):
+        shape += np.floor((high - low) / size).astype(np.int64)
+    # A scene of far objects has cells beyond number, nearly all of them empty.
+    dense = np.prod(shape.astype(float)) <= _ROOMY * len(points) + 4096
+    if dense:
+        placed, order, keys, starts = _counted(points, low, size, shape)
+        return Grid(placed, order, keys, low, size, shape, starts)
     cells = np.floor((points - low) / size).astype(np.int64)
-    shape = cells.max(axis=0, initial=0) + 1
     keys = (cells[:, 0] * _MOST + cells[:, 1]) * _MOST + cells[:, 2]
     order = np.argsort(keys, kind="stable")
-    starts = np.empty(0, np.int64)
-    # A scene of far objects has cells beyond number, nearly all of them empty.
-    if np.prod(shape.astype(float)) <= _ROOMY * len(points) + 4096:
-        dense = (cells[:, 0] * shape[1] + cells[:, 1]) * shape[2] + cells[:, 2]
-        counts = np.bincount(dense, minlength=int(shape.prod()))
-        starts = np.concatenate([[0], np.cumsum(counts)])
-    placed = np.ascontiguousarray(points[order])
-    return Grid(placed, order, keys[order], low, size, shape, starts)
+    return Grid(points[order], order, keys[order], low, size, shape, np.empty(0, np.int64))
+
+
+@njit(cache=True, nogil=True)
+def _bounds(points: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the least and the largest coordinates, infinite of no points."""
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    for i in range(len(points)):
+        for a in range(3):
+            low[a] = min(low[a], points[i, a])
+            high[a] = max(high[a], points[i, a])
+    return low, high
+
+
+@njit(cache=True, nogil=True)
+def _counted(
+    points: FloatArray, low: FloatArray, size: float, shape: IntArray
+) -> tuple[FloatArray, IntArray, IntArray, IntArray]:
+    """Return points, order, keys and starts of a `Grid`, sorted by counting."""
+    n, count = len(points), shape[0] * shape[1] * shape[2]
+    cells, along = np.empty(n, np.int64), np.empty(n, np.int64)
+    starts, placed = np.zeros(count + 2, np.int64), np.empty((n, 3))
+    order, keys = np.empty(n, np.int64), np.empty(n, np.int64)
+    for i in range(n):
+        cell, key = 0, 0
+        for a in range(3):
+            step = int(np.floor((points[i, a] - low[a]) / size))
+            cell, key = cell * shape[a] + step, key * _MOST + step
+        cells[i], along[i] = cell, key
+        starts[cell + 2] += 1
+    for c in range(1, count + 2):
+        starts[c] += starts[c - 1]
+    # Where a cell begins moves on to where it ends, which is where the next begins.
+    for i in range(n):
+        at = starts[cells[i] + 1]
+        starts[cells[i] + 1] += 1
+        order[at], keys[at] = i, along[i]
+        placed[at] = points[i]
+    return placed, order, keys, starts[: count + 1].copy()
 
 
 # What loops over rows calls is given arrays and numbers: a whole Grid for every row, its arrays
