@@ -123,7 +123,7 @@ def _counted(
 # counted in and out, takes longer than the row's points; and what is written might be its shape.
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def span_of(low: float, size: float, cells: int, first: float, last: float) -> tuple[int, int]:
     """Return the first and the last of an axis' cells between two coordinates."""
     start = int(np.floor((first - low) / size))
@@ -131,7 +131,7 @@ def span_of(low: float, size: float, cells: int, first: float, last: float) -> t
     return max(0, start), min(cells - 1, stop)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def row_of(
     starts: IntArray,
     keys: IntArray,
@@ -150,7 +150,7 @@ def row_of(
     return int(start), int(np.searchsorted(keys, key + last, side="right"))
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _add_near(
     points: FloatArray,
     place: tuple[float, float, float],

@@ -107,7 +107,7 @@ def _limit_ball(
             _limit_by(points, here, normal, rows, limit, least)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _limit_by(
     points: FloatArray,
     here: FloatArray,
