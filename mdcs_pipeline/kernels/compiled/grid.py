@@ -169,7 +169,7 @@ def _add_near(
     return count
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def within(grid: Grid, place: FloatArray, reach: float, found: IntArray) -> int:
     """Fill `found` with the points, in the grid's order, within `reach` of a place.
 
