@@ -7,7 +7,7 @@ from numba import njit
 from mdcs_pipeline.kernels.compiled.types import FloatArray, IntArray
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def heap_push(keys: FloatArray, values: IntArray, size: int, key: float, value: int) -> int:
     """Add (key, value) to a heap of `size` entries and return its new size."""
     i = size
@@ -20,7 +20,7 @@ def heap_push(keys: FloatArray, values: IntArray, size: int, key: float, value: 
     return size + 1
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def heap_drop(keys: FloatArray, values: IntArray, size: int) -> int:
     """Remove the least entry, which is at 0, and return the new size."""
     size -= 1

@@ -60,7 +60,7 @@ def _shorten(
     return signature, generate
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def relax_links(
     v: int, first: int, last: int, indices: Any, lengths: Any, distance: Any, dirty: BoolArray
 ) -> None:
@@ -73,5 +73,5 @@ def relax_links(
         Set where a row was lowered.
     """
     for e in range(first, last):
-        if _shorten(distance, v, indices[e], lengths[e]):  # type: ignore[call-arg]
-            dirty[indices[e]] = True
+        # Written in any case: what gets shorter cannot be foretold.
+        dirty[indices[e]] |= _shorten(distance, v, indices[e], lengths[e])  # type: ignore[call-arg]

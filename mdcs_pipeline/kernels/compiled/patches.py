@@ -90,23 +90,28 @@ def ring_moments(
     counts = np.zeros((lanes, len(radii) + 1), np.int64)
     cells = 4096
     step = radii[-1] / cells
-    # The first radius that a distance in each small cell may lie within.
-    first = np.searchsorted(radii, np.arange(cells + 2) * step)
-    moments = np.zeros(_MOMENTS)
+    # The first radius that a distance in each small cell, or by round-off in the one before, may
+    # lie within.
+    first = np.searchsorted(radii, np.maximum(np.arange(cells + 3) - 1, 0) * step)
+    moments, within, per_cell = np.zeros(_MOMENTS), np.empty(lanes, np.int64), 1.0 / step
     for v in range(n):
         x, y, z, m = places[v, 0], places[v, 1], places[v, 2], mass[v]
         moments[0], moments[1], moments[2], moments[3] = m, m * x, m * y, m * z
         moments[4], moments[5], moments[6] = m * x * x, m * x * y, m * x * z
         moments[7], moments[8], moments[9] = m * y * y, m * y * z, m * z * z
         for lane in range(lanes):
+            within[lane] = np.int64(min(distance[v, lane] * per_cell, float(cells + 2)))
+        for lane in range(lanes):
             far = distance[v, lane]
             if far >= _FAR:
                 continue
-            at = first[min(np.int64(far / step), cells + 1)]
+            at = first[within[lane]]
             while at < len(radii) and far > radii[at]:
                 at += 1
             counts[lane, at] += 1
-            _add(moments, rings[lane, at])
+            # Written out: to hand over a slice takes longer than to add it.
+            for a in range(_MOMENTS):
+                rings[lane, at, a] += moments[a]
     return rings, counts
 
 

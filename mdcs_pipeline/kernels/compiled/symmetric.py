@@ -16,7 +16,7 @@ _SWEEPS = 12
 _DONE = 1e-34
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _rotate(matrix: FloatArray, vectors: FloatArray, p: int, q: int) -> None:
     """Make the entry (p, q) 0, and turn the vectors with it."""
     off = matrix[p, q]
@@ -89,7 +89,7 @@ def middle_eigenvalue(moments: FloatArray) -> float:
     return middle
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _rotated(
     p: float, q: float, off: float, one: float, other: float
 ) -> tuple[float, float, float, float, float]:
