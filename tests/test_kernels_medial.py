@@ -256,15 +256,13 @@ def test_the_largest_ball_in_a_tube_is_as_wide_as_it(pierced, apart):
     np.testing.assert_array_equal(outside, 5 * R)
 
 
-@given(seed=SEEDS, moved=st.sampled_from([0.0, 0.15]))
+@given(seed=SEEDS, size=st.sampled_from([0.05, 0.2, 1.0]))
 @settings(max_examples=40, deadline=None)
-def test_balls_are_those_of_a_search_over_all_points(seed, moved):
+def test_balls_are_those_of_a_search_over_all_points(seed, size):
     rng = np.random.default_rng(seed)
     points, normals = rng.uniform(-1, 1, (60, 3)), sphere(60, seed) / R
-    grid, most, apart, pierced = grid_of(points, 0.2), rng.uniform(0.2, 3, 60), 1.2, 2
-    # Points that smoothing has moved are still found by the cells that they had before.
-    grid = grid._replace(points=grid.points + moved * sphere(60, seed + 1) / R)
-    found = tangent_radii(grid, normals, most, apart, pierced, moved * (1 + 1e-9))
+    grid, most, apart, pierced = grid_of(points, size), rng.uniform(0.2, 3, 60), 1.2, 2
+    found = tangent_radii(grid, normals, most, apart, pierced)
     step = grid.points[None] - grid.points[:, None]
     depth = -np.einsum("ija,ia->ij", step, normals)
     away = np.square(step).sum(axis=2)

@@ -164,10 +164,8 @@ def limb_balls(
     links = between_groups(graph.indptr, graph.indices, rank[stands], len(order))
     level, normals, widths, shapeless = _fitted(grid, mass[order], first, links, rule, known)
     which = np.flatnonzero(known.asked)
-    apart = float(np.sqrt(((level.points - grid.points) ** 2).sum(axis=1).max()))
-    most = rule.widest * first
-    ball, limits = known.balls.radius.copy(), (most, rule.apart, rule.pierced, apart)
-    ball[which] = _shared(which, tangent_radii, level, normals, *limits)
+    most, ball = rule.widest * first, known.balls.radius.copy()
+    ball[which] = _touching(level.points, normals, first, rule, which)
     ball[which] = _shared(which, medians_alike, grid, normals, reach, ball, _ALIKE)
     places = level.points - ball[:, None] * normals
     grown = widths > reach
@@ -266,6 +264,20 @@ def _median_among(
     given = normals[rows], reach[rows], values[rows], ANY
     result[rows] = _shared(np.arange(len(rows)), medians_alike, among, *given)
     return result
+
+
+def _touching(
+    points: FloatArray, normals: FloatArray, first: FloatArray, rule: MedialRule, which: IntArray
+) -> FloatArray:
+    """Return the radius of the largest ball inside at each of the points that are asked for."""
+    # Smoothed points have left their cells; and balls are wider than patches.
+    grid = grid_of(points, float(np.median(first)))
+    order, asked, result = grid.order, np.zeros(len(points), dtype=bool), np.empty(len(points))
+    asked[which] = True
+    rows = np.flatnonzero(asked[order])
+    given = normals[order], rule.widest * first[order], rule.apart, rule.pierced
+    result[order[rows]] = _shared(rows, tangent_radii, grid, *given)
+    return result[which]
 
 
 def _shared(

@@ -22,7 +22,6 @@ def tangent_radii(
     most: FloatArray,
     apart: float,
     pierced: int,
-    moved: float = 0.0,
     which: IntArray | None = None,
 ) -> FloatArray:
     """Return the radius of the largest ball inside that touches the surface at each point.
@@ -44,8 +43,6 @@ def tangent_radii(
     apart : float
     pierced : int
         Points that may lie inside: the smallest balls of all are those of noise.
-    moved : float
-        How far a point may be from the place that it has its cell by.
     which : (k,) int64, optional
         The points that are asked for; all when absent.
 
@@ -62,7 +59,7 @@ def tangent_radii(
         size = min(guess, most[i])
         while True:
             least[:] = size
-            _limit_ball(grid, i, normals[i], size, limit, moved, least)
+            _limit_ball(grid, i, normals[i], size, limit, least)
             if least[pierced] < size or size >= most[i]:
                 break
             size = min(_SWELL * size, most[i])
@@ -79,7 +76,6 @@ def _limit_ball(
     normal: FloatArray,
     size: float,
     limit: float,
-    moved: float,
     least: FloatArray,
 ) -> None:
     """Lower `least`, rising, to the radii of the balls on which points within this one lie."""
@@ -87,7 +83,7 @@ def _limit_ball(
     shape = grid.shape[0], grid.shape[1], grid.shape[2]
     corner, edge, here = grid.low, grid.size, grid.points[i]
     c0, c1, c2 = here[0] - size * normal[0], here[1] - size * normal[1], here[2] - size * normal[2]
-    wide = size * (1.0 + 1e-9) + moved
+    wide = size * (1.0 + 1e-9)
     x = span_of(corner[0], edge, shape[0], c0 - wide, c0 + wide)
     y = span_of(corner[1], edge, shape[1], c1 - wide, c1 + wide)
     if (x[1] - x[0] + 1) * (y[1] - y[0] + 1) > len(points):
