@@ -32,7 +32,7 @@ def usual_distance(points: FloatArray, count: int, samples: int) -> float:
     return float(np.median(found))
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _gathered(grid: Grid, i: int, wide: int, squares: FloatArray, found: IntArray) -> int:
     """Write squared distances of the points in cells up to `wide` away; return how many, or −1."""
     points, starts, keys, low = grid.points, grid.starts, grid.keys, grid.low
@@ -55,7 +55,7 @@ def _gathered(grid: Grid, i: int, wide: int, squares: FloatArray, found: IntArra
     return count
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _narrowed(
     squares: FloatArray, found: IntArray, count: int, wanted: int, sure: float, held: IntArray
 ) -> int:

@@ -43,7 +43,7 @@ def select(
             return
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def ranks_of(keys: FloatArray, count: int, ranks: IntArray) -> None:
     """Write the place that each of the first `count` keys has in their order.
 
@@ -59,7 +59,7 @@ def ranks_of(keys: FloatArray, count: int, ranks: IntArray) -> None:
             ranks[k] += (one < keys[k]) | ((one == keys[k]) & (j < k))
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def median_of(keys: FloatArray, count: int, ranks: IntArray) -> float:
     """Return the median of the first `count` keys, which are put out of order.
 
