@@ -226,10 +226,12 @@ def agreed(
     """
     n = len(own)
     weights, total = np.empty(len(indices)), np.empty(n)
+    # Of numbers without a sign none is looked at for counting from the end.
+    starts, ends = indptr.astype(np.uint64), indices.astype(np.uint32)
     for i in which:
         squares = 0.0
-        for e in range(indptr[i], indptr[i + 1]):
-            j, cosine = indices[e], 0.0
+        for e in range(starts[i], starts[i + 1]):
+            j, cosine = ends[e], 0.0
             for a in range(3):
                 cosine += normals[i, a] * normals[j, a]
             weights[e] = cosine * abs(cosine)
@@ -241,7 +243,7 @@ def agreed(
             heard[k] = min(max(said[k], -1.0), 1.0)
         for i in which:
             lent = 0.0
-            for e in range(indptr[i], indptr[i + 1]):
-                lent += weights[e] * heard[indices[e]]
+            for e in range(starts[i], starts[i + 1]):
+                lent += weights[e] * heard[ends[e]]
             said[i] = share * own[i] + (1.0 - share) * lent / total[i]
     return said
