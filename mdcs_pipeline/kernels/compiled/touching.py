@@ -118,7 +118,7 @@ def _limit_by(
     last = len(least) - 1
     # Twice the bound, and a little more: round-off must not lose a point.
     bound = 2.0 * least[last] * (1.0 + 1e-12)
-    for k in range(rows[0], rows[1]):
+    for k in range(np.uint64(rows[0]), np.uint64(rows[1])):
         x, y, z = points[k, 0] - h0, points[k, 1] - h1, points[k, 2] - h2
         away = x * x + y * y + z * z
         depth = -(x * n0 + y * n1 + z * n2)
