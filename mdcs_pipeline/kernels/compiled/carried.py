@@ -10,6 +10,9 @@ from numba import njit
 from mdcs_pipeline.kernels.compiled.exponential import vector_exp
 from mdcs_pipeline.kernels.compiled.types import FloatArray, IntArray
 
+# Above all exponents; loops that reckon without infinities meet it.
+_FAR = 1e30
+
 
 @njit(cache=True, nogil=True, fastmath=True)
 def add_row(row: Any, v: Any, y0: Any, y1: Any, y2: Any, weight: Any, carried: Any) -> None:
@@ -44,6 +47,25 @@ def scatter(nodes: IntArray, carried: Any, centre: FloatArray, total: FloatArray
         for a in range(3):
             total[2 + a, i] += carried[2 + a, k] + centre[a] * carried[1, k]
         total[5, i] += carried[5, k]
+
+
+@njit(cache=True, nogil=True)
+def _load(
+    points: FloatArray,
+    weight: FloatArray,
+    mass: FloatArray,
+    rows: tuple[int, int],
+    centre: FloatArray,
+    cloud: Any,
+    own: Any,
+) -> None:
+    """Write places from its centre, 1/r_j and masses of a box's points, so many from a first."""
+    for j in range(len(own)):
+        # What fills up the last box is its last point again, without mass.
+        at = rows[0] + min(j, rows[1] - 1)
+        for a in range(3):
+            cloud[a, j] = points[at, a] - centre[a]
+        cloud[3, j], own[j] = weight[at], mass[at] if j < rows[1] else 0.0
 
 
 @njit(cache=True, nogil=True, fastmath=True)
@@ -154,49 +176,37 @@ def free_boxes(
     """
     indptr, indices, levels = lists
     n, kind = len(points), like[0].dtype
-    real = kind.type
-    first = span[0] * size
-    total = np.zeros((6, sites.shape[1]))
-    totals, tops = (
-        np.empty(min(n, span[1] * size) - first),
-        np.empty(min(n, span[1] * size) - first),
-    )
-    longest = 0
+    first, longest = span[0] * size, 0
+    count = min(n, span[1] * size) - first
+    total, totals, tops = np.zeros((6, sites.shape[1])), np.empty(count), np.empty(count)
     for b in range(span[0], span[1]):
         longest = max(longest, indptr[b + 1] - indptr[b])
     block, cloud = np.empty((longest, size), kind), np.empty((4, size), kind)
     shares, own = np.empty((6, size), kind), np.empty(size, kind)
     least, sums, kept = np.empty(size, kind), np.empty(size, kind), np.empty(longest, np.int64)
+    real, farthest = kind.type, kind.type(-log_cut)
     for b in range(span[0], span[1]):
-        nodes, centre = indices[indptr[b] : indptr[b + 1]], centres[b]
-        start = b * size
+        nodes, start = indices[indptr[b] : indptr[b + 1]], b * size
         held = min(n, start + size) - start
-        for j in range(size):
-            # What fills up the last box is its last point again, without mass.
-            at = start + min(j, held - 1)
-            for a in range(3):
-                cloud[a, j] = points[at, a] - centre[a]
-            cloud[3, j], own[j] = weight[at], mass[at] if j < held else 0.0
-        least[:], sums[:] = np.inf, 0.0
+        c0, c1, c2 = centres[b, 0], centres[b, 1], centres[b, 2]
+        _load(points, weight, mass, (start, held), centres[b], cloud, own)
+        least[:], sums[:] = _FAR, 0.0
         for k in range(len(nodes)):
             i = nodes[k]
-            x = (
-                real(sites[0, i] - centre[0]),
-                real(sites[1, i] - centre[1]),
-                real(sites[2, i] - centre[2]),
-            )
+            x = real(sites[0, i] - c0), real(sites[1, i] - c1), real(sites[2, i] - c2)
             near, f = real(sites[6, i] / epsilon), real((sites[7, i] - levels[b]) / epsilon)
             _exponents(x, near, f, cloud, block[k], least)
-        count = 0
+        served = 0
         for k in range(len(nodes)):
-            if _entries(block[k], least, real(-log_cut), sums):
-                kept[count] = k
-                count += 1
+            if _entries(block[k], least, farthest, sums):
+                kept[served] = k
+                served += 1
         _shares(cloud, own, sums, shares)
-        for k in kept[:count]:
-            _carry(block[k], shares, centre, total, nodes[k])
-        where = slice(start - first, start - first + held)
-        totals[where], tops[where] = sums[:held], levels[b] - epsilon * least[:held]
+        for k in kept[:served]:
+            _carry(block[k], shares, centres[b], total, nodes[k])
+        for j in range(held):
+            totals[start - first + j] = sums[j]
+            tops[start - first + j] = levels[b] - epsilon * least[j]
     return total, totals, tops
 
 
