@@ -121,6 +121,27 @@ def test_a_grid_is_the_cloud_in_another_order(seed, count, size):
     assert grid.size > 0
 
 
+@given(
+    seed=SEEDS,
+    count=st.integers(1, 300),
+    size=st.sampled_from([1e-4, 0.1, 0.4, 9.0]),
+    kind=st.sampled_from([np.float64, np.float32]),
+)
+@settings(max_examples=40, deadline=None)
+def test_a_grid_is_sorted_by_cells_and_then_by_the_clouds_order(seed, count, size, kind):
+    """Cells that are counted and cells that are too many for it give one order."""
+    points = np.round(np.random.default_rng(seed).uniform(-1, 1, (count, 3)), 1).astype(kind)
+    grid = grid_of(points, size)
+    cells = np.floor((points.astype(float) - grid.low) / grid.size).astype(np.int64)
+    wanted = np.lexsort((np.arange(count), *cells.T[::-1]))
+    np.testing.assert_array_equal(grid.order, wanted)
+    np.testing.assert_array_equal(grid.shape, cells.max(axis=0) + 1)
+    if len(grid.starts):
+        named = cells @ [grid.shape[1] * grid.shape[2], grid.shape[2], 1]
+        held = np.bincount(named, minlength=len(grid.starts) - 1)
+        np.testing.assert_array_equal(np.diff(grid.starts), held)
+
+
 def test_a_far_point_widens_the_cells_but_not_beyond_counting():
     points = np.array([[0.0, 0, 0], [1e-3, 0, 0], [1e9, 1e9, 1e9]])
     grid, room = grid_of(points, 1e-6), np.empty(3, np.int64)

@@ -336,6 +336,35 @@ def test_free_masses_are_a_softmax(seed, epsilon, scaled):
     assert (found.passes, found.converged, found.marginal_error) == (1, True, 0.0)
 
 
+@pytest.mark.parametrize(("precision", "digits"), [("double", 1e-12), ("single", 1e-5)])
+@pytest.mark.parametrize("count", [1, BOX - 1, BOX, 2 * BOX + 3])
+def test_free_masses_carry_what_the_dense_plan_does(count, precision, digits):
+    """Boxes are worked on whole: what fills up the last one must carry nothing.
+
+    One node is listed for some boxes and needed by none; the sums over plans that were written
+    out, which the tests before looked at, come from another kernel.
+    """
+    rng = np.random.default_rng(count)
+    points, nodes = rng.uniform(0, 1, (count, 3)), rng.uniform(0, 1, (9, 3))
+    nodes[4] = 3.0
+    mass, r = random_mass(rng, count), rng.uniform(0.5, 2, count)
+    problem = Problem(points, mass, nodes, np.full(9, 1 / 9), 0.05, r, rng.uniform(0.5, 2, 9))
+    f = 0.02 * rng.standard_normal(9)
+    found = couple_free(problem, f, Accuracy(cut=1e-7, precision=precision))
+    above = (f - costs(problem)) / problem.epsilon
+    entries = np.exp(above - above.max(axis=1, keepdims=True))
+    entries[entries < 1e-7] = 0.0
+    wanted = mass[:, None] * entries / entries.sum(axis=1, keepdims=True)
+    carried = found.carried
+    np.testing.assert_allclose(carried.received, wanted.sum(axis=0), atol=digits)
+    np.testing.assert_allclose(carried.pull, (wanted / r[:, None]).sum(axis=0), atol=digits)
+    np.testing.assert_allclose(carried.places, (wanted / r[:, None]).T @ points, atol=digits)
+    np.testing.assert_allclose(carried.scale, wanted.T @ r, atol=digits)
+    assert carried.received[4] == 0.0
+    g = problem.epsilon * (np.log(mass / entries.sum(axis=1)) - above.max(axis=1))
+    np.testing.assert_allclose(found.point_potentials, g, atol=digits)
+
+
 def test_free_masses_let_a_far_node_starve():
     problem = balanced(0, 50, 5, 0.01, False)
     nodes = problem.nodes.copy()

@@ -162,13 +162,12 @@ def _add_near(
     """Add those of a slice of the points that are near a place to `count` found before."""
     px, py, pz = place
     # Of numbers without a sign none is looked at for counting from the end.
-    near = np.uint64(count)
     for at in range(np.uint64(rows[0]), np.uint64(rows[1])):
         x, y, z = points[at, 0] - px, points[at, 1] - py, points[at, 2] - pz
         # Written in any case: what is near cannot be foretold, and a wrong guess costs more.
-        found[near] = at
-        near += np.uint64(x * x + y * y + z * z <= squared)
-    return np.int64(near)
+        found[count] = at
+        count += x * x + y * y + z * z <= squared
+    return count
 
 
 @njit(cache=True, nogil=True, inline="always")
