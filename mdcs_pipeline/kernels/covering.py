@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial.distance import cdist
+
+from mdcs_pipeline.kernels.compiled.pieces import pieces_alike
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -61,12 +62,7 @@ def fallen_apart(graph: sparse.csr_array, owner: IntArray, least: float) -> Bool
     (n,) bool
         Of each node's pieces the largest is left out.
     """
-    n = len(owner)
-    rows = np.repeat(np.arange(n), np.diff(graph.indptr))
-    same = owner[rows] == owner[graph.indices]
-    ones = np.ones(int(np.count_nonzero(same)))
-    within = sparse.coo_array((ones, (rows[same], graph.indices[same])), shape=(n, n))
-    _, piece = connected_components(within, directed=False)
+    piece = pieces_alike(graph.indptr, graph.indices, owner)
     size = np.bincount(piece)
     owner_of = np.full(len(size), -1, np.int64)
     owner_of[piece] = owner

@@ -155,30 +155,42 @@ def nearest_owned(
 ) -> IntArray:
     """Return the owner of the nearest owned voxel around each voxel, −1 where there is none.
 
-    Voxels up to `reach` cells away along each axis are looked at; of equally near ones the
-    smallest owner counts.
+    Voxels up to `reach` cells away along each axis are looked at, those around first, and none
+    in cells that are farther than what was found; of equally near ones the smallest owner counts.
     """
     found = np.full(len(asked), -1, np.int64)
     for at in range(len(asked)):
-        slot = asked[at]
-        x = int(np.floor(place[slot, 0] / size))
-        y = int(np.floor(place[slot, 1] / size))
-        z = int(np.floor(place[slot, 2] / size))
-        best = np.inf
-        for i in range(x - reach, x + reach + 1):
-            for j in range(y - reach, y + reach + 1):
-                for k in range(z - reach, z + reach + 1):
-                    other = find_key(keys, slots, pack(i, j, k))
-                    if other == EMPTY or owner[other] < 0:
-                        continue
-                    square = 0.0
-                    for a in range(3):
-                        step = place[slot, a] - place[other, a]
-                        square += step * step
-                    if square < best or (square == best and owner[other] < found[at]):
-                        best = square
-                        found[at] = owner[other]
+        here = place[asked[at]]
+        x, y, z = here[0] / size, here[1] / size, here[2] / size
+        i0, j0, k0 = int(np.floor(x)), int(np.floor(y)), int(np.floor(z))
+        best, best_owner = np.inf, -1
+        for ring in range(reach + 1):
+            for i in range(i0 - ring, i0 + ring + 1):
+                for j in range(j0 - ring, j0 + ring + 1):
+                    edge = abs(i - i0) == ring or abs(j - j0) == ring
+                    # Of what is within the ring only the two ends of the column are on it.
+                    for k in range(k0 - ring, k0 + ring + 1, 1 if edge or ring == 0 else 2 * ring):
+                        if _gap(x, i) + _gap(y, j) + _gap(z, k) > best:
+                            continue
+                        other = find_key(keys, slots, pack(i, j, k))
+                        if other == EMPTY or owner[other] < 0:
+                            continue
+                        square = 0.0
+                        for a in range(3):
+                            step = here[a] - place[other, a]
+                            square += step * step
+                        square /= size * size
+                        if square < best or (square == best and owner[other] < best_owner):
+                            best, best_owner = square, owner[other]
+        found[at] = best_owner
     return found
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _gap(at: float, cell: int) -> float:
+    """Return the square of the distance of a coordinate from a cell, in cells, and a bit less."""
+    away = max(cell - at, at - cell - 1.0, 0.0)
+    return away * away * (1.0 - 1e-9)
 
 
 @njit(cache=True, nogil=True)
