@@ -5,15 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
-from scipy.spatial.distance import cdist
 
+from mdcs_pipeline.kernels.compiled.cheapest import cheapest_site
 from mdcs_pipeline.kernels.compiled.pieces import pieces_alike
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
-
-_BLOCK = 1 << 21
 
 
 def nearest_node(
@@ -32,17 +30,7 @@ def nearest_node(
     nearest : (n,) int64
     cost : (n,) float64
     """
-    nearest = np.empty(len(points), np.int64)
-    cost = np.empty(len(points))
-    rows = max(1, _BLOCK // len(nodes))
-    for start in range(0, len(points), rows):
-        part = slice(start, start + rows)
-        costs = cdist(points[part], nodes, "sqeuclidean") / (
-            point_scale[part, None] * node_scale[None, :]
-        )
-        nearest[part] = np.argmin(costs, axis=1)
-        cost[part] = np.take_along_axis(costs, nearest[part, None], axis=1)[:, 0]
-    return nearest, cost
+    return cheapest_site(points, point_scale, nodes, node_scale)
 
 
 def fallen_apart(graph: sparse.csr_array, owner: IntArray, least: float) -> BoolArray:

@@ -11,6 +11,9 @@ from scipy import sparse
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
+# Indices below which a pair of them fits into one number.
+_MOST = 1 << 31
+
 
 class Links(NamedTuple):
     """Weighted connections, each once.
@@ -31,7 +34,14 @@ def unique_pairs(pairs: IntArray) -> IntArray:
     """Return the (E, 2) pairs with i < j, sorted, each once, without i = j."""
     ordered = np.sort(pairs.reshape(-1, 2), axis=1)
     kept = ordered[ordered[:, 0] != ordered[:, 1]]
-    return np.unique(kept, axis=0) if len(kept) else np.empty((0, 2), np.int64)
+    if not len(kept):
+        return np.empty((0, 2), np.int64)
+    base = int(kept.max()) + 1
+    if kept.min() < 0 or base > _MOST:
+        return np.unique(kept, axis=0)
+    # One number a pair sorts many times faster than rows do.
+    names = np.unique(kept[:, 0] * base + kept[:, 1])
+    return np.stack(np.divmod(names, base), axis=1)
 
 
 def named_pairs(top: IntArray, shares: FloatArray, two_share: float) -> IntArray:

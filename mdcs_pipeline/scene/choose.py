@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
+from scipy.spatial.distance import cdist
 
 from mdcs_pipeline.arrays import BoolArray, IntArray
 from mdcs_pipeline.header import Header
@@ -160,7 +160,7 @@ def _names(
     near = graph.around(places, rule.reach * graph.largest_scale)
     if near:
         found = [graph.nodes[name] for name in near]
-        distance, _ = cKDTree(places).query(np.array([node.position for node in found]))
+        distance = cdist(np.array([node.position for node in found]), places).min(axis=1)
         scale = np.array([node.scale for node in found])
         active.update(np.array(near)[distance <= rule.reach * scale].tolist())
     ring = graph.neighbours(active)

@@ -11,6 +11,8 @@ from mdcs_pipeline.kernels.compiled.types import BoolArray, FloatArray, IntArray
 _BITS = 21
 _HALF = 1 << (_BITS - 1)
 EMPTY = -1
+# Edge of the block of voxels that are remembered while others look at them; no voxel is `_UNKNOWN`.
+_KEPT, _UNKNOWN = 32, -2
 #: Coordinates, in voxels, that a packed one can hold.
 FARTHEST = _HALF - 2
 
@@ -144,6 +146,18 @@ def add_points(
 
 
 @njit(cache=True, nogil=True)
+def cells_around(reach: int) -> IntArray:
+    """Return the steps to all cells up to `reach` away along each axis, (k, 3), nearest first."""
+    side = 2 * reach + 1
+    steps, away = np.empty((side**3, 3), np.int64), np.empty(side**3, np.int64)
+    for s in range(side**3):
+        x, y, z = s // (side * side) - reach, s // side % side - reach, s % side - reach
+        steps[s, 0], steps[s, 1], steps[s, 2] = x, y, z
+        away[s] = x * x + y * y + z * z
+    return steps[np.argsort(away, kind="mergesort")]
+
+
+@njit(cache=True, nogil=True)
 def nearest_owned(
     asked: IntArray,
     reach: int,
@@ -155,40 +169,41 @@ def nearest_owned(
 ) -> IntArray:
     """Return the owner of the nearest owned voxel around each voxel, −1 where there is none.
 
-    Voxels up to `reach` cells away along each axis are looked at, those around first, and none
-    in cells that are farther than what was found; of equally near ones the smallest owner counts.
+    Voxels up to `reach` cells away along each axis are looked at, but not in cells that are
+    farther than what was found; of equally near ones the smallest owner counts.
     """
-    found = np.full(len(asked), -1, np.int64)
+    found, steps = np.full(len(asked), -1, np.int64), cells_around(reach)
+    # Those asked for lie side by side and look at the same voxels, most of them empty.
+    code_of, slot_of = np.full(_KEPT**3, _UNKNOWN), np.empty(_KEPT**3, np.int64)
     for at in range(len(asked)):
-        here = place[asked[at]]
-        x, y, z = here[0] / size, here[1] / size, here[2] / size
+        px, py, pz = place[asked[at], 0], place[asked[at], 1], place[asked[at], 2]
+        x, y, z = px / size, py / size, pz / size
         i0, j0, k0 = int(np.floor(x)), int(np.floor(y)), int(np.floor(z))
-        best, best_owner = np.inf, -1
-        for ring in range(reach + 1):
-            for i in range(i0 - ring, i0 + ring + 1):
-                for j in range(j0 - ring, j0 + ring + 1):
-                    edge = abs(i - i0) == ring or abs(j - j0) == ring
-                    # Of what is within the ring only the two ends of the column are on it.
-                    for k in range(k0 - ring, k0 + ring + 1, 1 if edge or ring == 0 else 2 * ring):
-                        if _gap(x, i) + _gap(y, j) + _gap(z, k) > best:
-                            continue
-                        other = find_key(keys, slots, pack(i, j, k))
-                        if other == EMPTY or owner[other] < 0:
-                            continue
-                        square = 0.0
-                        for a in range(3):
-                            step = here[a] - place[other, a]
-                            square += step * step
-                        square /= size * size
-                        if square < best or (square == best and owner[other] < best_owner):
-                            best, best_owner = square, owner[other]
-        found[at] = best_owner
+        best, nearest = np.inf, -1
+        for s in range(len(steps)):
+            i, j, k = i0 + steps[s, 0], j0 + steps[s, 1], k0 + steps[s, 2]
+            if best < np.inf and (_gap(x, i) + _gap(y, j) + _gap(z, k)) * size * size > best:
+                continue
+            code = pack(i, j, k)
+            kept = ((i % _KEPT) * _KEPT + j % _KEPT) * _KEPT + k % _KEPT
+            if code_of[kept] != code:
+                held = find_key(keys, slots, code)
+                code_of[kept] = code
+                slot_of[kept] = held if held != EMPTY and owner[held] >= 0 else EMPTY
+            other = slot_of[kept]
+            if other == EMPTY:
+                continue
+            u, v, w = px - place[other, 0], py - place[other, 1], pz - place[other, 2]
+            square = u * u + v * v + w * w
+            if square < best or (square == best and owner[other] < nearest):
+                best, nearest = square, owner[other]
+        found[at] = nearest
     return found
 
 
 @njit(cache=True, nogil=True, inline="always")
 def _gap(at: float, cell: int) -> float:
-    """Return the square of the distance of a coordinate from a cell, in cells, and a bit less."""
+    """Return the square of a coordinate's distance from a cell, and a little less, in cells."""
     away = max(cell - at, at - cell - 1.0, 0.0)
     return away * away * (1.0 - 1e-9)
 
