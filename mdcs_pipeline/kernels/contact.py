@@ -56,7 +56,11 @@ def relative_contact(touching: sparse.csr_array, pairs: IntArray) -> FloatArray:
     """
     if not len(pairs):
         return np.zeros(0)
-    largest = np.asarray(touching.max(axis=1).toarray()).ravel()
-    shared = np.asarray(touching[pairs[:, 0], pairs[:, 1]]).ravel()
+    if touching.shape[0] ** 2 <= _DENSE:
+        counts = touching.toarray()
+        largest, shared = counts.max(axis=1), counts[pairs[:, 0], pairs[:, 1]]
+    else:
+        largest = np.asarray(touching.max(axis=1).toarray()).ravel()
+        shared = np.asarray(touching[pairs[:, 0], pairs[:, 1]]).ravel()
     smaller = largest[pairs].min(axis=1)
     return np.asarray(shared / np.where(smaller > 0, smaller, 1.0), dtype=np.float64)

@@ -8,11 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from mdcs_pipeline.kernels.compiled.common import common_mass
+
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 # Indices below which a pair of them fits into one number.
 _MOST = 1 << 31
+# Pairs of nodes up to which each has a place of its own to be summed in.
+_DENSE = 1 << 16
 
 
 class Links(NamedTuple):
@@ -106,9 +110,17 @@ def co_transport(plan: sparse.csr_array, mass: FloatArray, floor: float) -> Link
     """
     kept = _without_small(plan, floor)
     node_mass = np.bincount(plan.indices, plan.data, minlength=plan.shape[1])
+    if len(node_mass) ** 2 <= _DENSE:
+        shared = common_mass(kept.indptr, kept.indices, kept.data, 1.0 / mass, len(node_mass))
+        first, second = np.nonzero(shared)
+        links = Links(np.stack([first, second], axis=1), shared[first, second])
+        return _relative(links, node_mass)
     each = np.repeat(1.0 / mass, np.diff(kept.indptr))
     scaled = sparse.csr_array((each * kept.data, kept.indices, kept.indptr), shape=kept.shape)
-    links = _upper(sparse.csr_array(kept.T @ scaled))
+    return _relative(_upper(sparse.csr_array(kept.T @ scaled)), node_mass)
+
+
+def _relative(links: Links, node_mass: FloatArray) -> Links:
     smaller = node_mass[links.pairs].min(axis=1)
     return Links(links.pairs, links.strength / np.maximum(smaller, np.finfo(float).tiny))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
@@ -144,12 +145,15 @@ class SceneGraph:
             if start in label:
                 continue
             label[start] = start
-            seen, front = {start}, [start]
-            while front and budget > 0:
-                name = front.pop(0)
+            seen, front = {start}, deque([start])
+            missing = set(rim) - seen
+            # Once all of the rim is found, more would tell nothing.
+            while front and missing and budget > 0:
+                name = front.popleft()
                 budget -= 1
                 for other in sorted(self.nodes[name].links - without - seen):
                     seen.add(other)
+                    missing.discard(other)
                     front.append(other)
             for name in rim:
                 if name in seen:
