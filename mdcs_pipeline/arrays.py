@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING, Any, Literal, TypeGuard
 
 import numpy as np
@@ -72,12 +71,6 @@ def _is_plain(value: object, dtype: DTypeLike) -> TypeGuard[NDArray[Any]]:
     return type(value) is np.ndarray and value.dtype == dtype
 
 
-def _is_finite(array: NDArray[Any]) -> bool:
-    # Squares that are finite in sum are so each; only a sum that overflows has to be looked into.
-    flat = array.ravel()
-    return math.isfinite(flat.dot(flat)) or bool(np.isfinite(array).all())
-
-
 def finite_array(
     value: object, shape: tuple[int | None, ...], name: str, dtype: DTypeLike = np.float64
 ) -> NDArray[Any]:
@@ -89,7 +82,7 @@ def finite_array(
     if not fits:
         wanted = "(" + ", ".join("any" if n is None else str(n) for n in shape) + ")"
         raise InputError(f"{name} must have the shape {wanted}", received=f"shape {array.shape}")
-    if array.dtype.kind == "f" and not _is_finite(array):
+    if array.dtype.kind == "f" and not np.isfinite(array).all():
         bad = int(np.count_nonzero(~np.isfinite(array)))
         raise InputError(
             f"{name} must be finite", received=f"{bad} values that are NaN or infinite"

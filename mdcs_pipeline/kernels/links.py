@@ -109,7 +109,7 @@ def co_transport(plan: sparse.csr_array, mass: FloatArray, floor: float) -> Link
     Links
     """
     kept = _without_small(plan, floor)
-    node_mass = np.bincount(plan.indices, plan.data, minlength=plan.shape[1])
+    node_mass = np.bincount(plan.indices, plan.data, minlength=plan.shape[1]).astype(np.float64)
     if len(node_mass) ** 2 <= _DENSE:
         shared = common_mass(kept.indptr, kept.indices, kept.data, 1.0 / mass, len(node_mass))
         first, second = np.nonzero(shared)
