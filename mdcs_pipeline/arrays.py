@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from typing import TYPE_CHECKING, Any, Literal, TypeGuard
 
 import numpy as np
@@ -178,9 +179,8 @@ def set_fields(message: object, **values: object) -> None:
 
 def frozen_matrix(matrix: sparse.csr_array) -> sparse.csr_array:
     """Return a read-only matrix on the same entries; the caller's own stays writable."""
-    parts = (matrix.data, matrix.indices, matrix.indptr)
-    # By its own class: this module is loaded where scipy is not wanted yet.
-    frozen = type(matrix)(parts, shape=matrix.shape, copy=False)
+    # Its entries were checked when it was made.
+    frozen = copy(matrix)
     for part in ("data", "indices", "indptr"):
         setattr(frozen, part, frozen_view(getattr(frozen, part)))
     return frozen

@@ -215,7 +215,11 @@ class Thickness:
 
     def summary(self) -> dict[str, Any]:
         """Return the figures that a progress line shows."""
-        return {"radius": float(np.median(self.radius)) if len(self.radius) else 0.0}
+        if "_middle" not in vars(self):
+            # Asked for with every stage that hands it on.
+            middle = float(np.median(self.radius)) if len(self.radius) else 0.0
+            set_fields(self, _middle=middle)
+        return {"radius": vars(self)["_middle"]}
 
 
 @dataclass(frozen=True, eq=False)

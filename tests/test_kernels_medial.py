@@ -10,7 +10,8 @@ from problems import random_mass, rotation
 from scipy import sparse
 from scipy.spatial import cKDTree
 
-from mdcs_pipeline.kernels.compiled.grid import grid_of, near_any, scattered, share_near, within
+from mdcs_pipeline.kernels.compiled.grid import grid_of, scattered, share_near, within
+from mdcs_pipeline.kernels.compiled.stirred import near_any
 from mdcs_pipeline.kernels.compiled.symmetric import principal
 from mdcs_pipeline.kernels.compiled.tangent import (
     bends,
@@ -199,19 +200,39 @@ def test_a_patch_is_the_same_whichever_others_are_asked_for(seed):
 
 @given(seed=SEEDS)
 @settings(max_examples=15, deadline=None)
-def test_what_no_changed_point_is_near_stays_as_it_was(seed):
+def test_what_no_changed_point_is_or_was_near_stays_as_it_was(seed):
     rng = np.random.default_rng(seed)
-    grid, reach = grid_of(rng.uniform(-1, 1, (200, 3)), 0.3), rng.uniform(0.05, 0.4, 200)
-    changed = rng.random(200) < 0.02
-    touched = near_any(grid, reach, changed, np.arange(200))
-    apart = np.linalg.norm(grid.points[:, None] - grid.points[None], axis=2)
-    assert touched[(apart[:, changed] <= reach[:, None]).any(axis=1)].all()
+    before, reach = grid_of(rng.uniform(-1, 1, (200, 3)), 0.3), rng.uniform(0.05, 0.4, 200)
+    # Few are compared one by one, more by their cells.
+    changed = rng.random(200) < rng.choice([0.02, 0.5])
+    moved = before.points + np.where(changed[:, None], rng.normal(0, 0.05, (200, 3)), 0.0)
+    grid = before._replace(points=moved)
+    touched = near_any(grid, reach, changed, np.arange(200), before.points)
     some = np.flatnonzero(rng.random(200) < 0.5)
-    np.testing.assert_array_equal(near_any(grid, reach, changed, some), touched[some])
-    assert not near_any(grid, reach, np.zeros(200, bool), some).any()
-    found = np.empty(200, np.int64)
+    np.testing.assert_array_equal(
+        near_any(grid, reach, changed, some, before.points), touched[some]
+    )
+    assert not near_any(grid, reach, np.zeros(200, bool), some, before.points).any()
+    now, then = np.empty(200, np.int64), np.empty(200, np.int64)
     for i in np.flatnonzero(~touched):
-        assert not changed[found[: within(grid, grid.points[i], reach[i], found)]].any()
+        here = now[: within(grid, grid.points[i], reach[i], now)]
+        np.testing.assert_array_equal(
+            here, then[: within(before, before.points[i], reach[i], then)]
+        )
+        assert not changed[here].any()
+
+
+@given(seed=SEEDS)
+@settings(max_examples=15, deadline=None)
+def test_only_what_is_near_a_changed_point_is_touched(seed):
+    """Cells alone would name four times as many, and their patches would be fitted in vain."""
+    rng = np.random.default_rng(seed)
+    grid, reach = grid_of(rng.uniform(-1, 1, (300, 3)), 0.3), rng.uniform(0.05, 0.4, 300)
+    changed = rng.random(300) < rng.choice([0.02, 0.5])
+    apart = np.linalg.norm(grid.points[:, None] - grid.points[None], axis=2)
+    near = (apart[:, changed] <= reach[:, None]).any(axis=1)
+    touched = near_any(grid, reach, changed, np.arange(300), grid.points)
+    np.testing.assert_array_equal(touched, near | changed)
 
 
 def test_a_grid_without_a_table_of_its_cells_finds_the_same():

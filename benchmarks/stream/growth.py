@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.stream.run import (
+    Cold,
     Timed,
     cold,
     errors,
@@ -17,37 +18,35 @@ from benchmarks.stream.run import (
     surface,
 )
 from benchmarks.stream.scenes import WALK_VOXEL, dancing, network, orbit_views, walk_views
+from benchmarks.topology.solid import Floats
 
+#: Frames that the scene holds when a frame of it is compared with a cold run.
+MOMENTS = (25, 50, 100, 200)
+# Frames before and behind such a moment that stand for it.
+_AROUND = 12
 # Settings for a sensor that does not wait: less is done at once, so that no frame takes long.
-_EARLY = 25
 LIVE: dict[str, Any] = {"scene.most": 2500, "scene.share": 0.2}
 
 
 def grow(frames: int) -> dict[str, Any]:
-    """Stream the network as it is revealed; a cold run on the same points at 25 frames."""
+    """Stream the network as it is revealed; cold runs on the same points as it grows."""
     shape = network(frames)
     clouds = list(walk_views(frames))
     memory: list[int] = []
+    colds: dict[int, tuple[int, Cold]] = {}
     for timed in streamed(clouds, WALK_VOXEL):
         memory.append(resident())
-        if len(timed.seconds) == _EARLY:
-            # Fine enough to leave the map's points as they are; the first run loads kernels.
-            cold(surface(timed.stream), 0.25 * WALK_VOXEL)
-            early = cold(surface(timed.stream), 0.25 * WALK_VOXEL)
-            held = len(surface(timed.stream))
+        if len(timed.seconds) in MOMENTS:
+            points = surface(timed.stream)
+            colds[len(timed.seconds)] = len(points), warm_cold(points)
     timed.stream.flush()
-    near = slice(_EARLY, 2 * _EARLY)
     world = timed.stream.scene.world
     assert world is not None
     return {
         "frames": frames,
         "voxels": len(world.voxels),
-        "voxels_25": held,
         "streamed": errors(timed.stream.skeleton(), shape),
-        "ratio_25": early.seconds / float(np.mean(timed.seconds[near])),
-        "cpu_ratio_25": early.cpu / float(np.mean(timed.cpu[near])),
-        "cold_ms": 1e3 * early.seconds,
-        "entries_25": [early.entries, float(np.mean(timed.entries[near]))],
+        "moments": [moment(timed, held, *found) for held, found in colds.items()],
         "quarters": quarters(timed.seconds),
         "cpu_quarters": quarters(timed.cpu),
         "points_quarters": quarters([float(p) for p in timed.points]),
@@ -55,6 +54,36 @@ def grow(frames: int) -> dict[str, Any]:
         "cpu_flatness": quarters(timed.cpu)[3] / quarters(timed.cpu)[1],
         "bytes_per_voxel": bytes_held(timed) / len(world.voxels),
         "memory_growth": memory[frames - 2] - memory[frames // 2],
+    }
+
+
+def warm_cold(points: Floats) -> Cold:
+    """Return a cold run at the map's own resolution, once a run before has loaded its kernels."""
+    # Fine enough to leave the map's points as they are.
+    voxel = 0.25 * WALK_VOXEL
+    cold(points, voxel)
+    return cold(points, voxel)
+
+
+def around(count: int, held: int) -> slice:
+    """Return which of `count` frames stand for the moment when the scene holds `held`."""
+    return slice(max(0, held - _AROUND), min(count, held + _AROUND + 1))
+
+
+def moment(timed: Timed, held: int, points: int, found: Cold) -> dict[str, Any]:
+    """Return what a frame takes beside a cold run, once the scene holds `held` frames."""
+    near = around(len(timed.seconds), held)
+    seconds, cpu = float(np.median(timed.seconds[near])), float(np.median(timed.cpu[near]))
+    return {
+        "frames": held,
+        "points": points,
+        "cold_ms": 1e3 * found.seconds,
+        "frame_ms": 1e3 * seconds,
+        "cpu_ms": [1e3 * found.cpu, 1e3 * cpu],
+        "ratio": found.seconds / seconds,
+        "cpu_ratio": found.cpu / cpu,
+        "entries": [found.entries, float(np.median(timed.entries[near]))],
+        "region": float(np.median(timed.points[near])),
     }
 
 

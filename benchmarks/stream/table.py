@@ -59,23 +59,24 @@ def _orbits(orbits: list[dict[str, Any]]) -> list[Row]:
     ]
 
 
+def _moment(made: dict[str, Any]) -> Row:
+    # The issue asks for the ratio once the scene holds 25 frames; later rows show how it goes on.
+    asked = made["frames"] == 25
+    cold, frame = made["entries"]
+    return (
+        f"growing scene, cold over a frame once it holds {made['frames']}",
+        "≥ 30" if asked else "",
+        f"{made['ratio']:.1f} (CPU {made['cpu_ratio']:.1f}); cold {made['cold_ms']:.0f} ms on "
+        f"{made['points']:,} voxels, a frame {made['frame_ms']:.0f} ms on "
+        f"{made['region']:,.0f}; kernel entries {cold:,.0f} and {frame:,.0f}",
+        made["ratio"] >= 30 if asked else None,
+    )
+
+
 def _grown(grown: dict[str, Any]) -> list[Row]:
-    entries = grown["entries_25"]
     ms = " ".join(f"{1e3 * s:.0f}" for s in grown["quarters"])
     return [
-        (
-            "growing scene, cold over a frame once it holds 25",
-            "≥ 30",
-            f"{grown['ratio_25']:.1f} (CPU {grown['cpu_ratio_25']:.1f}); cold "
-            f"{grown['cold_ms']:.0f} ms on {grown['voxels_25']:,} voxels",
-            grown["ratio_25"] >= 30,
-        ),
-        (
-            "kernel entries there, cold and a frame",
-            "",
-            f"{entries[0]:,.0f} and {entries[1]:,.0f}",
-            None,
-        ),
+        *(_moment(made) for made in grown["moments"]),
         (
             f"growing scene, {grown['frames']} frames: last quarter over second",
             "≤ 1.2",

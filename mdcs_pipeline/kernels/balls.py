@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from mdcs_pipeline.kernels.compiled.grid import Grid, grid_of, near_any, scattered
+from mdcs_pipeline.kernels.compiled.grid import Grid, grid_of, scattered
 from mdcs_pipeline.kernels.compiled.linking import between_groups
+from mdcs_pipeline.kernels.compiled.stirred import near_any
 from mdcs_pipeline.kernels.compiled.tangent import (
     ANY,
     RING,
@@ -197,9 +198,10 @@ def _fitted(
     fitted = level = _levelled(grid, asked, before)
     patches = raw, heights, spreads, widths, bend = _unfitted(reach)
     raw[~asked] = before.normals[~asked]
-    changed = asked
+    changed, settled = asked, grid.points
+    rough, typical = np.zeros(len(asked)), np.zeros(len(asked))
     for turn in range(rule.passes):
-        _fit(fitted, mass, reach, first, which, changed, patches)
+        _fit(fitted, mass, reach, first, which, changed, settled, patches)
         said = _outwards(raw, np.where(asked, bend, before.trust), links, which)
         side = np.where(asked & (said < 0.0), -1.0, 1.0)
         normals = raw * side[:, None]
@@ -209,8 +211,9 @@ def _fitted(
         sagging = widths**2 / (8.0 * first)
         moved = np.where(asked, sagging - heights * side, 0.0)
         level = fitted._replace(points=fitted.points + moved[:, None] * normals)
-        rough = np.sqrt(np.maximum(spreads[:, 0] ** 2 - sagging**2, 0.0)) / first
-        again = asked & (_median_among(among, which, normals, reach, rough) > rule.rough)
+        was, rough = rough, np.sqrt(np.maximum(spreads[:, 0] ** 2 - sagging**2, 0.0)) / first
+        _medians_among(among, which, reach, rough, (rough != was) | (turn == 0), typical)
+        again = asked & (typical > rule.rough)
         if not again.any():
             break
         # What is smooth would only lose its shape.
@@ -242,28 +245,35 @@ def _fit(
     radius: FloatArray,
     asked: IntArray,
     changed: BoolArray,
+    before: FloatArray,
     patches: tuple[FloatArray, ...],
 ) -> None:
-    """Fit the patches again of those that are asked for that any changed point may be in."""
+    """Fit the patches again of those that are asked for that any changed point is or was in."""
     normals, heights, spreads, widths, bend = patches
-    which = asked[near_any(grid, np.maximum(widths, RING * radius), changed, asked)]
+    which = asked[near_any(grid, np.maximum(widths, RING * radius), changed, asked, before)]
     made = shared_out(lambda some: patch_planes(grid, mass, reach, _LEAST, some), which)
     normals[which], heights[which], spreads[which], widths[which] = made
     (bend[which],) = shared_out(lambda some: (bends(grid, normals, radius, some),), which)
 
 
-def _median_among(
-    among: Grid, which: IntArray, normals: FloatArray, reach: FloatArray, values: FloatArray
-) -> FloatArray:
-    """Return medians over the patches of the points that are asked for, among these alone.
+def _medians_among(
+    among: Grid,
+    which: IntArray,
+    reach: FloatArray,
+    values: FloatArray,
+    changed: BoolArray,
+    medians: FloatArray,
+) -> None:
+    """Write medians over the patches of the points that are asked for, among these alone.
 
-    `among` is their grid: that of all points where all are asked for.
+    Only where a value in the patch has changed. `among` is their grid: that of all points where
+    all are asked for.
     """
     rows = which if len(which) == len(values) else which[among.order]
-    result = np.zeros(len(values))
-    given = normals[rows], reach[rows], values[rows], ANY
-    result[rows] = _shared(np.arange(len(rows)), medians_alike, among, *given)
-    return result
+    wide, each = reach[rows], np.arange(len(rows))
+    some = each[near_any(among, wide, changed[rows], each, among.points)]
+    facing = np.zeros((len(rows), 3))
+    medians[rows[some]] = _shared(some, medians_alike, among, facing, wide, values[rows], ANY)
 
 
 def _touching(

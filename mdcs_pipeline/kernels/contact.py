@@ -9,6 +9,9 @@ from scipy import sparse
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
+# Pairs of nodes up to which each is counted in a place of its own, which needs no sorting.
+_DENSE = 1 << 16
+
 
 def contacts(graph: sparse.csr_array, owner: IntArray, count: int) -> sparse.csr_array:
     """Return how many neighbouring points each two nodes own.
@@ -30,6 +33,9 @@ def contacts(graph: sparse.csr_array, owner: IntArray, count: int) -> sparse.csr
     rows = owner[np.repeat(np.arange(graph.shape[0]), np.diff(graph.indptr))]
     columns = owner[graph.indices]
     apart = rows != columns
+    if count * count <= _DENSE:
+        shared = np.bincount(rows[apart] * count + columns[apart], minlength=count * count)
+        return sparse.csr_array(shared.reshape(count, count).astype(np.float64))
     ones = np.ones(int(np.count_nonzero(apart)))
     return sparse.csr_array(
         sparse.coo_array((ones, (rows[apart], columns[apart])), shape=(count, count))
@@ -50,7 +56,11 @@ def relative_contact(touching: sparse.csr_array, pairs: IntArray) -> FloatArray:
     """
     if not len(pairs):
         return np.zeros(0)
-    largest = np.asarray(touching.max(axis=1).toarray()).ravel()
-    shared = np.asarray(touching[pairs[:, 0], pairs[:, 1]]).ravel()
+    if touching.shape[0] ** 2 <= _DENSE:
+        counts = touching.toarray()
+        largest, shared = counts.max(axis=1), counts[pairs[:, 0], pairs[:, 1]]
+    else:
+        largest = np.asarray(touching.max(axis=1).toarray()).ravel()
+        shared = np.asarray(touching[pairs[:, 0], pairs[:, 1]]).ravel()
     smaller = largest[pairs].min(axis=1)
     return np.asarray(shared / np.where(smaller > 0, smaller, 1.0), dtype=np.float64)

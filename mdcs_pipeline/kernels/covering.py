@@ -5,14 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial.distance import cdist
+
+from mdcs_pipeline.kernels.compiled.cheapest import cheapest_site
+from mdcs_pipeline.kernels.compiled.pieces import pieces_alike
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
-
-_BLOCK = 1 << 21
 
 
 def nearest_node(
@@ -31,17 +30,7 @@ def nearest_node(
     nearest : (n,) int64
     cost : (n,) float64
     """
-    nearest = np.empty(len(points), np.int64)
-    cost = np.empty(len(points))
-    rows = max(1, _BLOCK // len(nodes))
-    for start in range(0, len(points), rows):
-        part = slice(start, start + rows)
-        costs = cdist(points[part], nodes, "sqeuclidean") / (
-            point_scale[part, None] * node_scale[None, :]
-        )
-        nearest[part] = np.argmin(costs, axis=1)
-        cost[part] = np.take_along_axis(costs, nearest[part, None], axis=1)[:, 0]
-    return nearest, cost
+    return cheapest_site(points, point_scale, nodes, node_scale)
 
 
 def fallen_apart(graph: sparse.csr_array, owner: IntArray, least: float) -> BoolArray:
@@ -61,12 +50,7 @@ def fallen_apart(graph: sparse.csr_array, owner: IntArray, least: float) -> Bool
     (n,) bool
         Of each node's pieces the largest is left out.
     """
-    n = len(owner)
-    rows = np.repeat(np.arange(n), np.diff(graph.indptr))
-    same = owner[rows] == owner[graph.indices]
-    ones = np.ones(int(np.count_nonzero(same)))
-    within = sparse.coo_array((ones, (rows[same], graph.indices[same])), shape=(n, n))
-    _, piece = connected_components(within, directed=False)
+    piece = pieces_alike(graph.indptr, graph.indices, owner)
     size = np.bincount(piece)
     owner_of = np.full(len(size), -1, np.int64)
     owner_of[piece] = owner

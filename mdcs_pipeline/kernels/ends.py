@@ -105,7 +105,7 @@ def limb_ends(
             chain = _limb(near, node, nodes, 2.0 * float(scale[node]))
             outward = nodes[node] - nodes[chain[-1]]
             length = float(np.linalg.norm(outward))
-            mine = np.flatnonzero(np.isin(owner, chain[:2]))
+            mine = np.flatnonzero((owner == chain[0]) | (owner == chain[1]))
             if length > 0.0 and len(mine) >= 4:
                 course = Course(outward / length, np.zeros(3))
                 if rim is not None:

@@ -8,8 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from mdcs_pipeline.kernels.compiled.common import common_mass
+
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+
+# Indices below which a pair of them fits into one number.
+_MOST = 1 << 31
+# Pairs of nodes up to which each has a place of its own to be summed in.
+_DENSE = 1 << 16
 
 
 class Links(NamedTuple):
@@ -31,7 +38,14 @@ def unique_pairs(pairs: IntArray) -> IntArray:
     """Return the (E, 2) pairs with i < j, sorted, each once, without i = j."""
     ordered = np.sort(pairs.reshape(-1, 2), axis=1)
     kept = ordered[ordered[:, 0] != ordered[:, 1]]
-    return np.unique(kept, axis=0) if len(kept) else np.empty((0, 2), np.int64)
+    if not len(kept):
+        return np.empty((0, 2), np.int64)
+    base = int(kept.max()) + 1
+    if kept.min() < 0 or base > _MOST:
+        return np.unique(kept, axis=0)
+    # One number a pair sorts many times faster than rows do.
+    names = np.unique(kept[:, 0] * base + kept[:, 1])
+    return np.stack(np.divmod(names, base), axis=1)
 
 
 def named_pairs(top: IntArray, shares: FloatArray, two_share: float) -> IntArray:
@@ -95,10 +109,18 @@ def co_transport(plan: sparse.csr_array, mass: FloatArray, floor: float) -> Link
     Links
     """
     kept = _without_small(plan, floor)
-    node_mass = np.bincount(plan.indices, plan.data, minlength=plan.shape[1])
+    node_mass = np.bincount(plan.indices, plan.data, minlength=plan.shape[1]).astype(np.float64)
+    if len(node_mass) ** 2 <= _DENSE:
+        shared = common_mass(kept.indptr, kept.indices, kept.data, 1.0 / mass, len(node_mass))
+        first, second = np.nonzero(shared)
+        links = Links(np.stack([first, second], axis=1), shared[first, second])
+        return _relative(links, node_mass)
     each = np.repeat(1.0 / mass, np.diff(kept.indptr))
     scaled = sparse.csr_array((each * kept.data, kept.indices, kept.indptr), shape=kept.shape)
-    links = _upper(sparse.csr_array(kept.T @ scaled))
+    return _relative(_upper(sparse.csr_array(kept.T @ scaled)), node_mass)
+
+
+def _relative(links: Links, node_mass: FloatArray) -> Links:
     smaller = node_mass[links.pairs].min(axis=1)
     return Links(links.pairs, links.strength / np.maximum(smaller, np.finfo(float).tiny))
 

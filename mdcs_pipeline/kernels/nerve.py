@@ -33,6 +33,9 @@ def filled_triangles(top: IntArray, shares: FloatArray, floor: float, points: in
     """
     width = top.shape[1]
     serves = (shares > floor) & (top >= 0)
+    # Most points serve fewer than three.
+    many = serves.sum(axis=1) >= 3
+    top, serves = top[many], serves[many]
     triples = [
         top[serves[:, a] & serves[:, b] & serves[:, c]][:, [a, b, c]]
         for a in range(width)

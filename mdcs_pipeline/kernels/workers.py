@@ -40,7 +40,8 @@ def thread_count() -> int:
 @contextmanager
 def threads(count: int) -> Iterator[int]:
     """Let what runs within use up to `count` threads, and no more than are allowed."""
-    granted = max(1, min(count, allowed_threads()))
+    # One is always allowed, and asked for with every stage of every frame.
+    granted = max(1, min(count, allowed_threads())) if count > 1 else 1
     token = _COUNT.set(granted)
     try:
         yield granted

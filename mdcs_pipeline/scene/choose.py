@@ -6,12 +6,12 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
+from scipy.spatial.distance import cdist
 
 from mdcs_pipeline.arrays import BoolArray, IntArray
 from mdcs_pipeline.header import Header
+from mdcs_pipeline.kernels.compiled.grid import grid_of, scattered
+from mdcs_pipeline.kernels.compiled.pieces import pieces_near
 from mdcs_pipeline.scene.graph import SceneGraph
 from mdcs_pipeline.scene.region import Region, empty_region
 from mdcs_pipeline.scene.state import Scene, World
@@ -146,11 +146,10 @@ def _patches(voxels: VoxelMap, slots: IntArray, least: int) -> BoolArray:
     """Return which voxels hang together with at least `least` others of the given ones."""
     if len(slots) < least:
         return np.zeros(len(slots), dtype=bool)
-    near = cKDTree(voxels.place[slots]).query_pairs(3.0 * voxels.size, output_type="ndarray")
-    ones = np.ones(len(near))
-    graph = sparse.coo_array((ones, (near[:, 0], near[:, 1])), shape=(len(slots),) * 2)
-    _, label = connected_components(graph, directed=False)
-    return np.asarray(np.bincount(label)[label] >= least, dtype=np.bool_)
+    reach = 3.0 * voxels.size
+    grid = grid_of(voxels.place[slots], reach)
+    piece = scattered(grid, pieces_near(grid, reach))
+    return np.asarray(np.bincount(piece)[piece] >= least, dtype=np.bool_)
 
 
 def _names(
@@ -161,7 +160,7 @@ def _names(
     near = graph.around(places, rule.reach * graph.largest_scale)
     if near:
         found = [graph.nodes[name] for name in near]
-        distance, _ = cKDTree(places).query(np.array([node.position for node in found]))
+        distance = cdist(np.array([node.position for node in found]), places).min(axis=1)
         scale = np.array([node.scale for node in found])
         active.update(np.array(near)[distance <= rule.reach * scale].tolist())
     ring = graph.neighbours(active)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
@@ -144,12 +145,15 @@ class SceneGraph:
             if start in label:
                 continue
             label[start] = start
-            seen, front = {start}, [start]
-            while front and budget > 0:
-                name = front.pop(0)
+            seen, front = {start}, deque([start])
+            missing = set(rim) - seen
+            # Once all of the rim is found, more would tell nothing.
+            while front and missing and budget > 0:
+                name = front.popleft()
                 budget -= 1
                 for other in sorted(self.nodes[name].links - without - seen):
                     seen.add(other)
+                    missing.discard(other)
                     front.append(other)
             for name in rim:
                 if name in seen:
@@ -160,13 +164,21 @@ class SceneGraph:
         """Return, sorted, the ids of nodes in cells within `reach` of any place, and some more."""
         if not len(places) or not self.nodes:
             return []
-        home = np.unique(np.floor(places / self.cell).astype(np.int64), axis=0)
+        home = np.floor(places / self.cell).astype(np.int64)
+        low, shape = home.min(axis=0), np.ptp(home, axis=0) + 1
+        names = np.unique(np.ravel_multi_index(tuple((home - low).T), tuple(shape)))
         wide = int(np.ceil(reach / self.cell))
-        steps = np.stack(np.meshgrid(*[np.arange(-wide, wide + 1)] * 3, indexing="ij"), axis=-1)
-        cells = np.unique((home[:, None] + steps.reshape(1, -1, 3)).reshape(-1, 3), axis=0)
+        steps = range(-wide, wide + 1)
+        cells = {
+            (x + i, y + j, z + k)
+            for x, y, z in (np.stack(np.unravel_index(names, tuple(shape)), axis=1) + low).tolist()
+            for i in steps
+            for j in steps
+            for k in steps
+        }
         found: set[int] = set()
-        for x, y, z in cells.tolist():
-            found |= self._grid.get((x, y, z), set())
+        for cell in cells:
+            found |= self._grid.get(cell, set())
         return sorted(found)
 
     def neighbours(self, names: Iterable[int]) -> set[int]:

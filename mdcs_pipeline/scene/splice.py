@@ -250,10 +250,14 @@ def _write_edges(world: World, region: Region, update: Update, old: dict[Pair, C
 def _names(known: Chain | None, count: int, next_id: int) -> IntArray:
     """Return ids for the points of an edge: as many old ones as can be, in their order."""
     had = np.empty(0, np.int64) if known is None else known.ids
-    if len(had) >= count:
+    if len(had) == count:
+        return had
+    if len(had) > count:
         spread = np.round(np.linspace(0, len(had) - 1, count)).astype(np.int64)
         return had[spread]
     names = next_id + np.arange(count)
+    if not len(had):
+        return names
     names[np.round(np.linspace(0, count - 1, len(had))).astype(np.int64)] = had
     return names
 

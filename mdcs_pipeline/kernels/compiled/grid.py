@@ -208,46 +208,6 @@ def within(grid: Grid, place: FloatArray, reach: float, found: IntArray) -> int:
 
 
 @njit(cache=True, nogil=True)
-def near_any(grid: Grid, reach: FloatArray, some: BoolArray, which: IntArray) -> BoolArray:
-    """Return the points for which `within` would look at one of `some`, or that are of them.
-
-    Parameters
-    ----------
-    grid : Grid
-    reach : (n,) float64
-    some : (n,) bool
-        In the grid's order.
-    which : (k,) int64
-        Points that are asked for.
-
-    Returns
-    -------
-    (k,) bool
-    """
-    n = len(grid.points)
-    starts, keys, low, size = grid.starts, grid.keys, grid.low, grid.size
-    shape = grid.shape[0], grid.shape[1], grid.shape[2]
-    before = np.zeros(n + 1, np.int64)
-    for k in range(n):
-        before[k + 1] = before[k] + some[k]
-    result = some[which]
-    if before[n] == n:
-        return result
-    for at in range(len(which)):
-        place, far = grid.points[which[at]], reach[which[at]]
-        x = span_of(low[0], size, shape[0], place[0] - far, place[0] + far)
-        y = span_of(low[1], size, shape[1], place[1] - far, place[1] + far)
-        z = span_of(low[2], size, shape[2], place[2] - far, place[2] + far)
-        for i in range(x[0], x[1] + 1):
-            if result[at] or z[0] > z[1]:
-                break
-            for j in range(y[0], y[1] + 1):
-                start, stop = row_of(starts, keys, shape, i, j, z[0], z[1])
-                result[at] |= before[stop] > before[start]
-    return result
-
-
-@njit(cache=True, nogil=True)
 def share_near(grid: Grid, some: BoolArray, places: FloatArray, reach: FloatArray) -> FloatArray:
     """Return which share of the points within reach of places is of `some`.
 

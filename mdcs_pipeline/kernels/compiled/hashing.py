@@ -11,6 +11,8 @@ from mdcs_pipeline.kernels.compiled.types import BoolArray, FloatArray, IntArray
 _BITS = 21
 _HALF = 1 << (_BITS - 1)
 EMPTY = -1
+# Edge of the block of voxels that are remembered while others look at them; no voxel is `_UNKNOWN`.
+_KEPT, _UNKNOWN = 32, -2
 #: Coordinates, in voxels, that a packed one can hold.
 FARTHEST = _HALF - 2
 
@@ -144,6 +146,18 @@ def add_points(
 
 
 @njit(cache=True, nogil=True)
+def cells_around(reach: int) -> IntArray:
+    """Return the steps to all cells up to `reach` away along each axis, (k, 3), nearest first."""
+    side = 2 * reach + 1
+    steps, away = np.empty((side**3, 3), np.int64), np.empty(side**3, np.int64)
+    for s in range(side**3):
+        x, y, z = s // (side * side) - reach, s // side % side - reach, s % side - reach
+        steps[s, 0], steps[s, 1], steps[s, 2] = x, y, z
+        away[s] = x * x + y * y + z * z
+    return steps[np.argsort(away, kind="mergesort")]
+
+
+@njit(cache=True, nogil=True)
 def nearest_owned(
     asked: IntArray,
     reach: int,
@@ -155,30 +169,43 @@ def nearest_owned(
 ) -> IntArray:
     """Return the owner of the nearest owned voxel around each voxel, −1 where there is none.
 
-    Voxels up to `reach` cells away along each axis are looked at; of equally near ones the
-    smallest owner counts.
+    Voxels up to `reach` cells away along each axis are looked at, but not in cells that are
+    farther than what was found; of equally near ones the smallest owner counts.
     """
-    found = np.full(len(asked), -1, np.int64)
+    found, steps = np.full(len(asked), -1, np.int64), cells_around(reach)
+    # Those asked for lie side by side and look at the same voxels, most of them empty.
+    code_of, slot_of = np.full(_KEPT**3, _UNKNOWN), np.empty(_KEPT**3, np.int64)
     for at in range(len(asked)):
-        slot = asked[at]
-        x = int(np.floor(place[slot, 0] / size))
-        y = int(np.floor(place[slot, 1] / size))
-        z = int(np.floor(place[slot, 2] / size))
-        best = np.inf
-        for i in range(x - reach, x + reach + 1):
-            for j in range(y - reach, y + reach + 1):
-                for k in range(z - reach, z + reach + 1):
-                    other = find_key(keys, slots, pack(i, j, k))
-                    if other == EMPTY or owner[other] < 0:
-                        continue
-                    square = 0.0
-                    for a in range(3):
-                        step = place[slot, a] - place[other, a]
-                        square += step * step
-                    if square < best or (square == best and owner[other] < found[at]):
-                        best = square
-                        found[at] = owner[other]
+        px, py, pz = place[asked[at], 0], place[asked[at], 1], place[asked[at], 2]
+        x, y, z = px / size, py / size, pz / size
+        i0, j0, k0 = int(np.floor(x)), int(np.floor(y)), int(np.floor(z))
+        best, nearest = np.inf, -1
+        for s in range(len(steps)):
+            i, j, k = i0 + steps[s, 0], j0 + steps[s, 1], k0 + steps[s, 2]
+            if best < np.inf and (_gap(x, i) + _gap(y, j) + _gap(z, k)) * size * size > best:
+                continue
+            code = pack(i, j, k)
+            kept = ((i % _KEPT) * _KEPT + j % _KEPT) * _KEPT + k % _KEPT
+            if code_of[kept] != code:
+                held = find_key(keys, slots, code)
+                code_of[kept] = code
+                slot_of[kept] = held if held != EMPTY and owner[held] >= 0 else EMPTY
+            other = slot_of[kept]
+            if other == EMPTY:
+                continue
+            u, v, w = px - place[other, 0], py - place[other, 1], pz - place[other, 2]
+            square = u * u + v * v + w * w
+            if square < best or (square == best and owner[other] < nearest):
+                best, nearest = square, owner[other]
+        found[at] = nearest
     return found
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _gap(at: float, cell: int) -> float:
+    """Return the square of a coordinate's distance from a cell, and a little less, in cells."""
+    away = max(cell - at, at - cell - 1.0, 0.0)
+    return away * away * (1.0 - 1e-9)
 
 
 @njit(cache=True, nogil=True)
