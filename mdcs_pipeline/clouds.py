@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -213,13 +214,14 @@ class Thickness:
         if self.normal is not None:
             set_fields(self, normal=finite_array(self.normal, (len(radius), 3), "normal"))
 
+    @cached_property
+    def _typical(self) -> float:
+        # Asked for with every stage that hands the thickness on.
+        return float(np.median(self.radius)) if len(self.radius) else 0.0
+
     def summary(self) -> dict[str, Any]:
         """Return the figures that a progress line shows."""
-        if "_middle" not in vars(self):
-            # Asked for with every stage that hands it on.
-            middle = float(np.median(self.radius)) if len(self.radius) else 0.0
-            set_fields(self, _middle=middle)
-        return {"radius": vars(self)["_middle"]}
+        return {"radius": self._typical}
 
 
 @dataclass(frozen=True, eq=False)

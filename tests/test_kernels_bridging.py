@@ -42,7 +42,7 @@ def ends_of(points: np.ndarray, nodes: np.ndarray, edges: np.ndarray) -> list[En
 
 
 def shore_of(points: np.ndarray, nodes: np.ndarray) -> Shore:
-    return Shore(nodes, np.full(len(nodes), 0.1), points, nearest_node(points, nodes))
+    return Shore.around(nodes, np.full(len(nodes), 0.1), points, nearest_node(points, nodes))
 
 
 # -------------------------------------------------------------------------------------- rims
@@ -162,9 +162,26 @@ def test_a_bridge_does_not_lead_through_the_surface():
     ends = ends_of(points, nodes, edges)
     rng = np.random.default_rng(0)
     wall = np.column_stack([np.full(900, 0.52), rng.uniform(-0.3, 0.3, (900, 2))])
-    shore = shore_of(points, nodes)._replace(points=np.concatenate([points, wall]))
-    shore = shore._replace(owner=np.append(shore.owner, np.zeros(900, np.int64)))
+    owner = np.append(nearest_node(points, nodes), np.zeros(900, np.int64))
+    walled = np.concatenate([points, wall])
+    shore = Shore.around(nodes, np.full(len(nodes), 0.1), walled, owner)
     assert bridges(edges, ends, shore, BridgeRule()).shape == (0, 2)
+
+
+@pytest.mark.parametrize("radius", [0.02, 0.1, 0.4])
+def test_what_lies_around_a_way_is_counted_as_among_all_points(radius):
+    rng = np.random.default_rng(3)
+    points = rng.uniform(-1.0, 1.0, (4000, 3))
+    nodes = np.zeros((1, 3))
+    shore = Shore.around(nodes, np.ones(1), points, np.zeros(4000, np.int64))
+    for goal in rng.uniform(-1.0, 1.0, (20, 3)):
+        one = end(0, rng.uniform(-1.0, 1.0, 3), [1, 0, 0], radius)
+        offset, way = points - one.place, goal - one.place
+        along = offset @ way / (way @ way)
+        across = np.linalg.norm(offset - np.outer(along, way), axis=1)
+        count = np.count_nonzero((along > 0) & (along < 1) & (across < 0.5 * radius))
+        assert shore.pierced(one, goal, (count - 0.5) / 4000)
+        assert not shore.pierced(one, goal, (count + 0.5) / 4000)
 
 
 def end(node: int, place, outward, radius: float = 0.1, openness: float = 1.0) -> End:
@@ -179,7 +196,7 @@ def bridged(
 ) -> list[list[int]]:
     """Bridges between ends in empty space, each a piece of its own without `pairs`."""
     nodes = np.array([e.place for e in ends] + [list(map(float, p)) for p in extra])
-    shore = Shore(nodes, np.full(len(nodes), 1e-6), NOWHERE, np.empty(0, np.int64))
+    shore = Shore.around(nodes, np.full(len(nodes), 1e-6), NOWHERE, np.empty(0, np.int64))
     return bridges(pairs, ends, shore, rule or BridgeRule(aim=0.99)).tolist()
 
 
@@ -217,7 +234,7 @@ def test_a_flat_end_is_no_rim_though_it_looks_open():
     ends = [end(0, [0, 0, 0], [1, 0, 0]), end(1, [0.5, 0, 0], [-1, 0, 0])]
     nodes = np.array([e.place for e in ends])
     for scale, wanted in ((0.1, [[0, 1]]), (0.15, [[0, 1]]), (0.25, [])):
-        shore = Shore(nodes, np.array([0.1, scale]), NOWHERE, np.empty(0, np.int64))
+        shore = Shore.around(nodes, np.array([0.1, scale]), NOWHERE, np.empty(0, np.int64))
         assert bridges(NONE, ends, shore, BridgeRule(aim=2.0)).tolist() == wanted
 
 
@@ -232,7 +249,7 @@ def test_flat_ends_close_no_loop_by_aiming_but_join_pieces():
         (one_piece, 0.25, []),
         (NONE, 0.25, [[0, 1]]),
     ):
-        shore = Shore(nodes, np.array([scale, 0.1, 0.1]), NOWHERE, np.empty(0, np.int64))
+        shore = Shore.around(nodes, np.array([scale, 0.1, 0.1]), NOWHERE, np.empty(0, np.int64))
         assert bridges(pairs, ends, shore, rule).tolist() == wanted
         shore = shore._replace(scale=np.array([0.1, scale, 0.1]))
         assert bridges(pairs, ends, shore, rule).tolist() == wanted
@@ -260,7 +277,7 @@ def test_a_wall_across_the_chord_does_not_hide_the_bent_way():
     rule = BridgeRule(aim=2.0, facing=-0.1)
     for points, wanted in ((wall, [[0, 1]]), (np.concatenate([wall, higher]), [])):
         owner = np.zeros(len(points), np.int64)
-        shore = Shore(nodes, np.full(2, 0.1), points, owner)
+        shore = Shore.around(nodes, np.full(2, 0.1), points, owner)
         assert bridges(NONE, ends, shore, rule).tolist() == wanted
 
 

@@ -98,7 +98,8 @@ def skeleton_scene(times: int) -> dict[str, Any]:
     import mdcs_pipeline as mdcs
 
     one = problems.sampled(20_000)
-    settings = {"downsample": {"voxel_size": 0.02 * float(np.ptp(one, axis=0).max())}}
+    voxel = 0.02 * float(np.ptp(one, axis=0).max())
+    settings = {"downsample": {"voxel_size": voxel}, "thin": {"voxel_size": 2.0 * voxel}}
     scene = problems.repeated(one, times)
     mdcs.skeletonize(one, **settings)
     return timed(lambda: mdcs.skeletonize(scene, **settings).summary(), warm=False)

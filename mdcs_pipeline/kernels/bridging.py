@@ -71,27 +71,45 @@ class Shore(NamedTuple):
     scale : (m,) float64
         Local radius.
     points : (n, 3) float64
-    owner : (n,) int64
-        Node of each point.
+    held : (m,) int64
+        Points of each node.
+    tree : cKDTree
+        Of the points.
     """
 
     nodes: FloatArray
     scale: FloatArray
     points: FloatArray
-    owner: IntArray
+    held: IntArray
+    tree: cKDTree
+
+    @classmethod
+    def around(
+        cls, nodes: FloatArray, scale: FloatArray, points: FloatArray, owner: IntArray
+    ) -> Shore:
+        """Return the cloud with the node of each point, (n,)."""
+        held = np.bincount(owner, minlength=len(nodes))
+        return cls(nodes, scale, points, held, cKDTree(points))
 
     def walled(self, a: End, b: End, crowd: float) -> bool:
         """Return whether the straight and the bent way between two ends both pierce the surface."""
         if not (self.pierced(a, b.place, crowd) or self.pierced(b, a.place, crowd)):
             return False
         way = smooth_way(a.place, a.outward, b.place, b.outward)
-        distance, nearest = (np.asarray(found) for found in cKDTree(way).query(self.points))
+        # What is farther than any end counts is not looked at: the scene may be large.
+        around = self.within(way, 0.5 * max(a.radius, b.radius))
+        distance, nearest = (np.asarray(found) for found in cKDTree(way).query(around))
         between = (nearest > 0) & (nearest < len(way) - 1)
         return any(self._crowded(distance[between], end, crowd) for end in (a, b))
 
+    def within(self, places: FloatArray, reach: float) -> FloatArray:
+        """Return the points within reach of any of some places, (k, 3)."""
+        near = self.tree.query_ball_point(places, reach)
+        return self.points[np.unique(np.concatenate([*near, []]).astype(np.int64))]
+
     def _crowded(self, distance: FloatArray, end: End, crowd: float) -> bool:
         near = np.count_nonzero(distance < 0.5 * end.radius)
-        return bool(near > crowd * np.count_nonzero(self.owner == end.node))
+        return bool(near > crowd * self.held[end.node])
 
     def pierced(self, end: End, goal: FloatArray, crowd: float) -> bool:
         """Return whether the way from an end to `goal` leads through the surface.
@@ -101,7 +119,11 @@ class Shore(NamedTuple):
         """
         way = goal - end.place
         length = float(np.linalg.norm(way))
-        offset = self.points - end.place
+        reach = max(0.5 * end.radius, 1e-3 * length)
+        steps = np.linspace(0.0, 1.0, 2 + int(length / reach))
+        # Between two steps a point within reach of the way is that far from one of them.
+        around = self.within(end.place + np.outer(steps, way), 1.2 * reach)
+        offset = around - end.place
         along = offset @ way / length
         between = (along > 0) & (along < length)
         across = np.linalg.norm(offset[between] - np.outer(along[between] / length, way), axis=1)

@@ -93,7 +93,7 @@ class Bridge(Stage[BridgeSettings]):
         nodes, plan = rough.nodes, rough.plan.plan
         owner, points, settings = plan_owners(plan), cloud.positions, self.settings
         free = free_angle(points, nearest(points, settings.neighbours).indices)
-        shore = Shore(nodes.positions, nodes.scale, points, owner)
+        shore = Shore.around(nodes.positions, nodes.scale, points, owner)
         ends = limb_ends(
             nodes.positions, nodes.scale, rough.edges, points, owner, free > settings.gap
         )
