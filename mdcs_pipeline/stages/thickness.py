@@ -15,7 +15,16 @@ class ThicknessSettings(Settings):
     """Settings of `LocalThickness`."""
 
     landmarks: int = Field(
-        1000, ge=8, le=100_000, description="Points at which patches are grown, spread evenly."
+        1000,
+        ge=8,
+        le=100_000,
+        description="Points at which patches are grown, spread evenly, at least.",
+    )
+    share: int = Field(
+        16,
+        ge=1,
+        description="Most points that such a point stands for: a large scene is measured as well "
+        "as an object of its own.",
     )
     closed: float = Field(
         0.06,
@@ -53,7 +62,7 @@ class LocalThickness(Stage[ThicknessSettings]):
             surface.positions,
             cloud.mass,
             surface.graph,
-            settings.landmarks,
+            max(settings.landmarks, len(cloud) // settings.share),
             settings.closed,
             settings.slope,
             settings.seed,
