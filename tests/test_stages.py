@@ -64,21 +64,21 @@ def rod() -> Rod:
     return measured(shapes.cylinder(1200, 0))
 
 
+def typical_radii(rods: list[np.ndarray], **settings: int) -> np.ndarray:
+    cloud = Density()(PointCloud(np.concatenate(rods))).cloud
+    surface = SurfaceGraph()(cloud).surface
+    found = LocalThickness(landmarks=8, **settings)(cloud, surface).thickness
+    return np.median((found.radius * cloud.unit.length).reshape(len(rods), -1), axis=1)
+
+
 def test_each_object_of_a_large_scene_has_its_own_thickness():
     """Fewer landmarks than objects would give all of them the radius of a few."""
-    radii = np.where(np.arange(20) % 2, 0.05, 0.15)
-    one = shapes.cylinder(600, 0)
-    scene = [one * [1.0, r / 0.15, r / 0.15] + [0.0, 2.0 * k, 0.0] for k, r in enumerate(radii)]
-    cloud = Density()(PointCloud(np.concatenate(scene))).cloud
-    surface = SurfaceGraph()(cloud).surface
-
-    def off(**settings: int) -> float:
-        found = LocalThickness(landmarks=8, **settings)(cloud, surface).thickness
-        of_each = np.median((found.radius * cloud.unit.length).reshape(20, 600), axis=1)
-        return float(np.abs(of_each / radii - 1.0).max())
-
-    assert off() < 0.2
-    assert off(share=100_000) > 0.5
+    rod = shapes.cylinder(600, 0)
+    thick, thin = rod, rod * [1.0, 1 / 3, 1 / 3]
+    scene = [(thin if k % 2 else thick) + [0.0, 2.0 * k, 0.0] for k in range(20)]
+    alone = np.tile(np.concatenate([typical_radii([thick]), typical_radii([thin])]), 10)
+    assert np.abs(typical_radii(scene) / alone - 1.0).max() < 0.15
+    assert np.abs(typical_radii(scene, share=100_000) / alone - 1.0).max() > 0.5
 
 
 def nodes_at(cloud: MassCloud, places: np.ndarray, **values: object) -> Nodes:
