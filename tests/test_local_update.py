@@ -10,7 +10,8 @@ import shapes
 from scipy import sparse
 
 from mdcs_pipeline.errors import InputError
-from mdcs_pipeline.kernels.covering import fallen_apart, nearest_node
+from mdcs_pipeline.kernels.compiled.cheapest import cheapest_site
+from mdcs_pipeline.kernels.fallen import fallen_apart
 from mdcs_pipeline.kernels.merging import close_pairs
 from mdcs_pipeline.kernels.optimise import Descent, optimise
 from mdcs_pipeline.kernels.problem import Accuracy, Problem
@@ -129,7 +130,7 @@ def test_ways_outside_are_no_edges() -> None:
 def test_the_nearest_node_is_that_of_least_cost() -> None:
     points = np.array([[0.0, 0, 0], [1.0, 0, 0]])
     nodes = np.array([[0.2, 0, 0], [2.0, 0, 0]])
-    nearest, cost = nearest_node(points, np.ones(2), nodes, np.array([0.1, 2.0]))
+    nearest, cost = cheapest_site(points, np.ones(2), nodes, np.array([0.1, 2.0]))
     assert nearest.tolist() == [0, 1]
     np.testing.assert_allclose(cost, [0.04 / 0.1, 1.0 / 2.0])
 

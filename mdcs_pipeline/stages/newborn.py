@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from mdcs_pipeline.arrays import BoolArray, IntArray
-from mdcs_pipeline.kernels.covering import fallen_apart, nearest_node
+from mdcs_pipeline.kernels.compiled.cheapest import cheapest_site
+from mdcs_pipeline.kernels.fallen import fallen_apart
 from mdcs_pipeline.kernels.seeding import spread_points
 from mdcs_pipeline.messages import MassCloud, Nodes, Surface, Thickness
 from mdcs_pipeline.scene.region import Region
@@ -89,7 +90,7 @@ class Newborn(Stage[NewbornSettings]):
         fresh = np.flatnonzero(owner < 0)
         if len(nodes) and len(fresh):
             places, scale = cloud.positions[fresh], thickness.radius[fresh]
-            nearest, cost = nearest_node(places, scale, nodes.positions, nodes.scale)
+            nearest, cost = cheapest_site(places, scale, nodes.positions, nodes.scale)
             close = nearest[cost <= self.settings.cover**2]
             own += np.bincount(close, minlength=len(nodes))
         return np.asarray(nodes.fixed | (own > 0))
@@ -105,7 +106,7 @@ class Newborn(Stage[NewbornSettings]):
     ) -> BoolArray:
         if not len(known):
             return np.asarray(region.taken)
-        _, cost = nearest_node(cloud.positions, thickness.radius, known.positions, known.scale)
+        _, cost = cheapest_site(cloud.positions, thickness.radius, known.positions, known.scale)
         active = np.where(region.taken & (owner >= 0), owner, -1)
         apart = fallen_apart(surface.graph, active, self.settings.apart)
         grown = np.isin(region.owner, region.grown)
@@ -148,7 +149,7 @@ class Newborn(Stage[NewbornSettings]):
         mean = 1.0 / max(len(known), 1)
         if len(known) and count:
             places, scale = cloud.positions[chosen], thickness.radius[chosen]
-            nearest, _ = nearest_node(places, scale, known.positions, known.scale)
+            nearest, _ = cheapest_site(places, scale, known.positions, known.scale)
             potentials = known.potentials[nearest]
             if self.settings.potentials == "lowered":
                 potentials = potentials - _mean_cost(cloud, known, thickness, owner)[nearest]

@@ -1,4 +1,4 @@
-"""Which points no node stands for yet."""
+"""Which points have lost their node: those cut off from the rest of what it holds."""
 
 from __future__ import annotations
 
@@ -6,31 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from mdcs_pipeline.kernels.compiled.cheapest import cheapest_site
 from mdcs_pipeline.kernels.compiled.pieces import pieces_alike
 
-FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
-
-
-def nearest_node(
-    points: FloatArray, point_scale: FloatArray, nodes: FloatArray, node_scale: FloatArray
-) -> tuple[IntArray, FloatArray]:
-    """Return each point's node of least cost ‖x_i − y_j‖²/(r_i r_j), and that cost.
-
-    Parameters
-    ----------
-    points, nodes : (n, 3), (m, 3) float64
-        m > 0.
-    point_scale, node_scale : (n,), (m,) float64
-
-    Returns
-    -------
-    nearest : (n,) int64
-    cost : (n,) float64
-    """
-    return cheapest_site(points, point_scale, nodes, node_scale)
 
 
 def fallen_apart(graph: sparse.csr_array, owner: IntArray, least: float) -> BoolArray:
