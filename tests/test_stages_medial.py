@@ -170,7 +170,7 @@ def test_the_default_pipeline_carries_from_the_stage_that_finds_centres() -> Non
     stages = load_spec("default", {}).stages
     for name in ("transport", "smooth"):
         assert stages[name].settings["carried"] == "centre"
-    assert [ref.stage for ref in stages["transport"].inputs["thickness"]] == ["medial"]
+    assert [ref.stage for ref in stages["transport"].inputs["thickness"]] == ["ridge"]
 
 
 def test_belief_that_does_not_fade_is_refused():

@@ -20,6 +20,10 @@ PASSED: dict[str, dict[str, str]] = {
         "medial.thickness": "thickness.thickness",
         "medial.surface": "surface.surface",
     },
+    "ridge": {
+        "ridge.thickness": "medial.thickness",
+        "ridge.surface": "medial.surface",
+    },
     "bridge": {"bridge.rough": "check.accepted"},
     "prune": {"prune.rough": "bridge.rough"},
     "check": {"check.accepted": "link.rough"},

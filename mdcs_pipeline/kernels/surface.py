@@ -15,6 +15,9 @@ from mdcs_pipeline.kernels.nearest import nearest
 
 FloatArray = NDArray[np.float64]
 
+#: Points that each is linked to, and how upright on the surface a link may be, where nobody says.
+NEIGHBOURS, STEEPEST = 8, 0.75
+
 
 class SurfaceGraph(NamedTuple):
     """Points freed of some noise, and the distances between neighbours.

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from pydantic import Field
 
-from mdcs_pipeline.kernels.surface import surface_graph
+from mdcs_pipeline.kernels.surface import NEIGHBOURS, STEEPEST, surface_graph
 from mdcs_pipeline.messages import MassCloud, Surface
 from mdcs_pipeline.stage import Settings, Stage
 
@@ -15,7 +15,7 @@ class SurfaceSettings(Settings):
     """Settings of `SurfaceGraph`."""
 
     neighbours: int = Field(
-        8, ge=3, le=60, description="Nearest points that each point is linked to."
+        NEIGHBOURS, ge=3, le=60, description="Nearest points that each point is linked to."
     )
     averaging: int = Field(
         0,
@@ -26,7 +26,7 @@ class SurfaceSettings(Settings):
     )
 
     steepest: float = Field(
-        0.75,
+        STEEPEST,
         gt=0,
         le=1,
         description="Largest |cosine| of a link with the normals at both its ends: steeper ones "
