@@ -19,6 +19,8 @@ PASSED: dict[str, dict[str, str]] = {
     "medial": {
         "medial.thickness": "thickness.thickness",
         "medial.surface": "surface.surface",
+        "ridge.thickness": "thickness.thickness",
+        "ridge.surface": "surface.surface",
     },
     "ridge": {
         "ridge.thickness": "medial.thickness",
@@ -28,6 +30,8 @@ PASSED: dict[str, dict[str, str]] = {
     "prune": {"prune.rough": "bridge.rough"},
     "check": {"check.accepted": "link.rough"},
 }
+#: What has nothing to go on once another stage is gone, and goes with it.
+WITH = {"medial": ("ridge",)}
 
 
 def without(stage: str) -> str:
@@ -47,7 +51,8 @@ def without(stage: str) -> str:
 def _written(stage: str) -> str:
     shipped = files("mdcs_pipeline.configs") / "default.yaml"
     document = yaml.safe_load(shipped.read_text(encoding="utf-8"))
-    del document["stages"][stage]
+    for gone in (stage, *WITH.get(stage, ())):
+        del document["stages"][gone]
     for name, held in document["stages"].items():
         held["inputs"] = {port: PASSED[stage].get(at, at) for port, at in held["inputs"].items()}
         _drop_feedback(held, stage)

@@ -26,7 +26,7 @@ from mdcs_pipeline.kernels.compiled.ridge import climbed, closing_scales, contin
 from mdcs_pipeline.kernels.compiled.spreading import spread_minimum
 from mdcs_pipeline.kernels.workers import shared_out
 
-__all__ = ["RidgeRule", "Ridges", "levelled", "ridges"]
+__all__ = ["RidgeRule", "Ridges", "levelled", "ridges", "surface_noise"]
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -41,6 +41,8 @@ _THINNED = 0.25
 _LEAST = 3
 # Near on a ridge, and about it, in bandwidths.
 _ON, _ABOUT = 0.3, 1.0
+# Places that show whether a cloud is noisy, and points about each at most.
+_PROBES, _SHOWN = 40, 12
 # Up to where a ridge goes on, in bandwidths.
 _ONWARD = 1.2
 # Strays move no farther than this, in bandwidths: a limb of its own is none.
@@ -85,14 +87,11 @@ class Ridges(NamedTuple):
         Direction of the ridge there; its sign means nothing.
     radius : (n,) float64
         Of the limb, without the noise.
-    noise : float
-        Median over the cloud of the local spread of distances from the ridge, in that radius.
     """
 
     places: FloatArray
     axes: FloatArray
     radius: FloatArray
-    noise: float
 
 
 class _Cloud(NamedTuple):
@@ -105,11 +104,41 @@ class _Cloud(NamedTuple):
     pull: FloatArray
 
 
+def surface_noise(
+    points: FloatArray, mass: FloatArray, radius: FloatArray, rule: RidgeRule
+) -> float:
+    """Return how thick the surface is: the spread of distances from the ridge, in the radius.
+
+    The median over a few places that are spread over the cloud; 0 where no scale shows.
+
+    Parameters
+    ----------
+    points : (n, 3) float64
+    mass : (n,) float64
+    radius : (n,) float64
+        First estimate of the local radius, positive.
+    rule : RidgeRule
+    """
+    few, _, _ = _fewer(points, mass, radius, rule.coarse)
+    starts, _ = _spread(few.points, rule.starts * few.radius)
+    probes = starts[np.linspace(0, len(starts) - 1, min(_PROBES, len(starts))).astype(np.int64)]
+    scale = _scales(few, probes, rule.closed)
+    probes, scale = probes[np.isfinite(scale)], scale[np.isfinite(scale)]
+    if not len(probes):
+        return 0.0
+    around = cKDTree(few.points).query_ball_point(few.points[probes], _ABOUT * scale)
+    shown = [np.asarray(near)[:: 1 + len(near) // _SHOWN] for near in around]
+    each, every = np.repeat(np.arange(len(shown)), [len(s) for s in shown]), np.concatenate(shown)
+    places, _ = _climbed(few, few.points[every], scale[each])
+    away = np.linalg.norm(few.points[every] - places, axis=1) / scale[each] * _WINDOW
+    return float(np.median([np.std(away[each == k]) for k in range(len(shown))]))
+
+
 def ridges(
     points: FloatArray,
     mass: FloatArray,
-    graph: sparse.csr_array,
     radius: FloatArray,
+    graph: sparse.csr_array,
     rule: RidgeRule,
 ) -> Ridges | None:
     """Return the ridge that each point belongs to, or nothing where no scale shows.
@@ -118,28 +147,25 @@ def ridges(
     ----------
     points : (n, 3) float64
     mass : (n,) float64
-    graph : csr_array, (n, n)
-        Distances between neighbours.
     radius : (n,) float64
         First estimate of the local radius, positive; it may be off by half.
+    graph : csr_array, (n, n)
+        Distances between neighbours.
     rule : RidgeRule
 
     Returns
     -------
     Ridges or None
     """
-    chosen, stands = _spread(points, rule.coarse * radius)
-    held = np.bincount(stands, mass).astype(np.float64)
-    few = _Cloud(points[chosen], held, radius[chosen], *_thinned(points, mass, radius))
+    few, chosen, stands = _fewer(points, mass, radius, rule.coarse)
     reach = _reaches(few, rule)
     if reach is None:
         return None
     whole = reach[stands]
     reach = spread_minimum(graph.indptr, graph.indices, graph.data, whole, rule.slope)[0][chosen]
-    places, axes = _climbed(few, reach)
-    noise = _noise(few.points, places, reach)
+    places, axes = _climbed(few, few.points, reach)
     places, axes = _gathered(few, places, axes, reach, rule.stray)
-    return Ridges(places[stands], axes[stands], reach[stands] / _WINDOW, noise)
+    return Ridges(places[stands], axes[stands], reach[stands] / _WINDOW)
 
 
 def levelled(points: FloatArray, found: Ridges) -> FloatArray:
@@ -179,32 +205,39 @@ def _thinned(points: FloatArray, mass: FloatArray, radius: FloatArray) -> tuple[
     return grid, held[grid.order].astype(np.float64)
 
 
+def _fewer(
+    points: FloatArray, mass: FloatArray, radius: FloatArray, coarse: float
+) -> tuple[_Cloud, IntArray, IntArray]:
+    """Return the points that stand for all, which they are, and which stands for each."""
+    chosen, stands = _spread(points, coarse * radius)
+    held = np.bincount(stands, mass).astype(np.float64)
+    few = _Cloud(points[chosen], held, radius[chosen], *_thinned(points, mass, radius))
+    return few, chosen, stands
+
+
+def _scales(few: _Cloud, which: IntArray, closed: float) -> FloatArray:
+    """Return the bandwidth that closes at some of the points; not a number where none does."""
+    given = few.pulling, few.pull, few.points, few.radius, _FACTORS, closed
+    return np.asarray(shared_out(lambda some: (closing_scales(*given, some),), which)[0])
+
+
 def _reaches(few: _Cloud, rule: RidgeRule) -> FloatArray | None:
     """Return the bandwidth at each point, the median of those that close around it."""
-    chosen, _ = _spread(few.points, rule.starts * few.radius)
-    starts, first = few.points[chosen], few.radius[chosen]
-    given = few.pulling, few.pull, starts, first, _FACTORS, rule.closed
-    (scale,) = shared_out(lambda some: (closing_scales(*given, some),), np.arange(len(starts)))
+    starts, _ = _spread(few.points, rule.starts * few.radius)
+    scale = _scales(few, starts, rule.closed)
     closed = np.isfinite(scale)
     count = min(rule.near, int(np.count_nonzero(closed)))
     if count < min(rule.near, _LEAST):
         return None
-    _, around = cKDTree(starts[closed]).query(few.points, [*range(1, count + 1)])
+    tree = cKDTree(few.points[starts[closed]])
+    _, around = tree.query(few.points, [*range(1, count + 1)])
     return np.asarray(np.median(scale[closed][around], axis=1), dtype=np.float64)
 
 
-def _climbed(few: _Cloud, reach: FloatArray) -> tuple[FloatArray, FloatArray]:
-    given = few.pulling, few.pull, few.points, reach
+def _climbed(few: _Cloud, starts: FloatArray, reach: FloatArray) -> tuple[FloatArray, FloatArray]:
+    given = few.pulling, few.pull, starts, reach
     places, axes = shared_out(lambda some: climbed(*given, some), np.arange(len(reach)))
     return places, axes
-
-
-def _noise(points: FloatArray, places: FloatArray, reach: FloatArray) -> float:
-    """Return the median of the local standard deviation of distances from the ridge, in radii."""
-    away = np.linalg.norm(points - places, axis=1) / reach * _WINDOW
-    sums = _sums(points, np.stack([np.ones(len(away)), away, away**2], axis=1), points, reach)
-    mean, square = sums[:, 1] / sums[:, 0], sums[:, 2] / sums[:, 0]
-    return float(np.median(np.sqrt(np.maximum(square - mean**2, 0.0))))
 
 
 def _gathered(
@@ -221,10 +254,10 @@ def _gathered(
     lost = now < stray * before
     if not lost.any() or lost.all():
         return places, axes
+    grid = grid_of(places[~lost], float(np.median(reach)))
+    given = grid, axes[~lost][grid.order], places, axes, _ONWARD * reach
+    (roots,) = shared_out(lambda some: (continued(*given, some),), np.flatnonzero(lost))
     asked, ridge = np.flatnonzero(lost), np.flatnonzero(~lost)
-    grid = grid_of(places[ridge], float(np.median(reach)))
-    given = grid, axes[ridge][grid.order], places, axes, _ONWARD * reach
-    (roots,) = shared_out(lambda some: (continued(*given, some),), asked)
     away, nearest = (np.asarray(one) for one in cKDTree(places[ridge]).query(places[asked]))
     move = ~roots & (away < _FARTHEST * reach[asked])
     places, axes = places.copy(), axes.copy()

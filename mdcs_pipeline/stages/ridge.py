@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from mdcs_pipeline.errors import InputError
-from mdcs_pipeline.kernels.ridges import RidgeRule, levelled, ridges
+from mdcs_pipeline.kernels.ridges import RidgeRule, levelled, ridges, surface_noise
 from mdcs_pipeline.kernels.surface import NEIGHBOURS, STEEPEST, surface_graph
 from mdcs_pipeline.messages import MassCloud, Surface, Thickness
 from mdcs_pipeline.stage import Settings, Stage
@@ -32,7 +32,7 @@ class RidgeSettings(Settings):
         "0 looks at every cloud.",
     )
     noise: float = Field(
-        0.22,
+        0.21,
         ge=0,
         description="Spread of the surface, in the local radius, from which the cloud is noisy: "
         "others stay as they are.",
@@ -106,8 +106,11 @@ class Ridge(Stage[RidgeSettings]):
         if not len(cloud) or unsure.mean() < settings.unsure:
             return as_before
         rule = RidgeRule(**settings.model_dump(include=set(RidgeRule._fields)))
-        found = ridges(cloud.positions, cloud.mass, surface.graph, thickness.radius, rule)
-        if found is None or found.noise < settings.noise:
+        measured = cloud.positions, cloud.mass, thickness.radius
+        if surface_noise(*measured, rule) < settings.noise:
+            return as_before
+        found = ridges(*measured, surface.graph, rule)
+        if found is None:
             return as_before
         level = levelled(cloud.positions, found)
         links = surface_graph(level, NEIGHBOURS, steepest=STEEPEST)
