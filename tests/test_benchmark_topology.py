@@ -404,7 +404,10 @@ class TestTable4:
 def test_a_stage_is_left_out_and_the_rest_still_fits(stage):
     spec = load_spec(ablation.without(stage))
     assert stage not in spec.stages
-    assert set(load_spec("default").stages) - set(spec.stages) == {stage, *ablation.WITH.get(stage, ())}
+    assert set(load_spec("default").stages) - set(spec.stages) == {
+        stage,
+        *ablation.WITH.get(stage, ()),
+    }
 
 
 def test_what_cannot_be_left_out_is_named():

@@ -37,7 +37,7 @@ _FACTORS = 1.75 * 1.2 ** -np.arange(9.0)
 _WINDOW = 0.85
 # Distance within which points pull as one, in radii.
 _THINNED = 0.25
-# Fewer starts that closed than this show no scale.
+# Fewer places whose window closed than this show nothing.
 _LEAST = 3
 # Near on a ridge, and about it, in bandwidths.
 _ON, _ABOUT = 0.3, 1.0
@@ -109,7 +109,7 @@ def surface_noise(
 ) -> float:
     """Return how thick the surface is: the spread of distances from the ridge, in the radius.
 
-    The median over a few places that are spread over the cloud; 0 where no scale shows.
+    The median over a few places that are spread over the cloud; 0 where hardly any shows a scale.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ def surface_noise(
     probes = starts[np.linspace(0, len(starts) - 1, min(_PROBES, len(starts))).astype(np.int64)]
     scale = _scales(few, probes, rule.closed)
     probes, scale = probes[np.isfinite(scale)], scale[np.isfinite(scale)]
-    if not len(probes):
+    if len(probes) < _LEAST:
         return 0.0
     around = cKDTree(few.points).query_ball_point(few.points[probes], _ABOUT * scale)
     shown = [np.asarray(near)[:: 1 + len(near) // _SHOWN] for near in around]
