@@ -42,6 +42,7 @@ def draw_steps(points: Points, path: Path) -> None:
     surface = stages["surface"](cloud).surface
     thickness = stages["thickness"](cloud, surface).thickness
     thickness, surface = stages["medial"](cloud, surface, thickness)
+    thickness, surface = stages["ridge"](cloud, surface, thickness)
     nodes = stages["seed"](cloud, thickness).nodes
     rounds = []
     while nodes is not None:
@@ -58,7 +59,7 @@ def draw_steps(points: Points, path: Path) -> None:
     place = cloud.unit.from_unit
     on = place(cloud.positions)
     _cloud(panels[0], on, "mass of the points (density)", cloud.mass)
-    _cloud(panels[1], on, "local thickness (thickness, medial)", thickness.radius)
+    _cloud(panels[1], on, "local thickness (thickness, medial, ridge)", thickness.radius)
     _cloud(panels[2], on, f"first plan: {len(rounds[0].nodes)} nodes (transport)")
     _nodes(panels[2], place(rounds[0].nodes.positions), rounds[0].nodes.mass)
     late = rounds[len(rounds) // 3]
