@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.csgraph import dijkstra
 
-from mdcs_pipeline.kernels.compiled.grid import covering, grid_of, scattered
+from mdcs_pipeline.kernels.compiled.grid import standing_for
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -55,9 +55,7 @@ def coarsened(points: FloatArray, mass: FloatArray, graph: sparse.csr_array, siz
     -------
     Coarse
     """
-    grid = grid_of(points, size)
-    into = scattered(grid, covering(grid, np.full(len(points), size))[1])
-    into = _hanging_together(graph, into)
+    into = _hanging_together(graph, standing_for(points, np.full(len(points), size))[1])
     held = np.bincount(into, mass).astype(np.float64)
     sums = [np.bincount(into, mass * x) for x in points.T]
     middle: FloatArray = np.stack(sums, axis=1) / held[:, None]

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from mdcs_pipeline.kernels.balls import Medial, MedialRule, Remembered, limb_balls
-from mdcs_pipeline.kernels.compiled.grid import covering, grid_of, scattered
+from mdcs_pipeline.kernels.compiled.grid import standing_for
 from mdcs_pipeline.kernels.compiled.linking import within_limbs
 
 __all__ = ["Medial", "MedialRule", "Remembered", "medial_places", "without_gaps"]
@@ -60,11 +60,7 @@ def medial_places(
         known = _nothing_known(points)
     if not known.asked.any():
         return known.balls
-    grid = grid_of(points, float(np.median(rule.coarse * radius)))
-    chosen, stands = covering(grid, rule.coarse * radius[grid.order])
-    # Which of the chosen stands for each point, in the cloud's order.
-    stands = scattered(grid, stands)
-    chosen = grid.order[chosen]
+    chosen, stands = standing_for(points, rule.coarse * radius)
     held = np.bincount(stands, mass).astype(np.float64)
     # What stands for a point that is asked for is measured.
     asked = np.bincount(stands, known.asked) > 0

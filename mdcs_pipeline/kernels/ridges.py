@@ -21,9 +21,10 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.spatial import cKDTree
 
-from mdcs_pipeline.kernels.compiled.grid import Grid, covering, grid_of, scattered
-from mdcs_pipeline.kernels.compiled.ridge import climbed, closing_scales, continued, sums_near
+from mdcs_pipeline.kernels.compiled.grid import Grid, grid_of, standing_for
+from mdcs_pipeline.kernels.compiled.ridge import climbed, closing_scales, continued, mass_near
 from mdcs_pipeline.kernels.compiled.spreading import spread_minimum
+from mdcs_pipeline.kernels.thinning import merged
 from mdcs_pipeline.kernels.workers import shared_out
 
 __all__ = ["RidgeRule", "Ridges", "levelled", "ridges", "surface_noise"]
@@ -120,7 +121,7 @@ def surface_noise(
     rule : RidgeRule
     """
     few, _, _ = _fewer(points, mass, radius, rule.coarse)
-    starts, _ = _spread(few.points, rule.starts * few.radius)
+    starts, _ = standing_for(few.points, rule.starts * few.radius)
     probes = starts[np.linspace(0, len(starts) - 1, min(_PROBES, len(starts))).astype(np.int64)]
     scale = _scales(few, probes, rule.closed)
     probes, scale = probes[np.isfinite(scale)], scale[np.isfinite(scale)]
@@ -189,27 +190,18 @@ def levelled(points: FloatArray, found: Ridges) -> FloatArray:
     return np.asarray(points - across + found.radius[:, None] * outward, dtype=np.float64)
 
 
-def _spread(points: FloatArray, apart: FloatArray) -> tuple[IntArray, IntArray]:
-    """Return points that all others are near to, and which of them stands for each."""
-    grid = grid_of(points, float(np.median(apart)))
-    chosen, stands = covering(grid, apart[grid.order])
-    return grid.order[chosen], scattered(grid, stands)
-
-
 def _thinned(points: FloatArray, mass: FloatArray, radius: FloatArray) -> tuple[Grid, FloatArray]:
     """Return centres of mass of points that are near each other, and their masses."""
-    _, stands = _spread(points, _THINNED * radius)
-    held = np.bincount(stands, mass)
-    middle = [np.bincount(stands, mass * points[:, a]) / held for a in range(3)]
-    grid = grid_of(np.stack(middle, axis=1), float(np.median(radius)))
-    return grid, held[grid.order].astype(np.float64)
+    joined = merged(points, mass, standing_for(points, _THINNED * radius)[1])
+    grid = grid_of(joined.centroids, float(np.median(radius)))
+    return grid, joined.weights[grid.order]
 
 
 def _fewer(
     points: FloatArray, mass: FloatArray, radius: FloatArray, coarse: float
 ) -> tuple[_Cloud, IntArray, IntArray]:
     """Return the points that stand for all, which they are, and which stands for each."""
-    chosen, stands = _spread(points, coarse * radius)
+    chosen, stands = standing_for(points, coarse * radius)
     held = np.bincount(stands, mass).astype(np.float64)
     few = _Cloud(points[chosen], held, radius[chosen], *_thinned(points, mass, radius))
     return few, chosen, stands
@@ -223,7 +215,7 @@ def _scales(few: _Cloud, which: IntArray, closed: float) -> FloatArray:
 
 def _reaches(few: _Cloud, rule: RidgeRule) -> FloatArray | None:
     """Return the bandwidth at each point, the median of those that close around it."""
-    starts, _ = _spread(few.points, rule.starts * few.radius)
+    starts, _ = standing_for(few.points, rule.starts * few.radius)
     scale = _scales(few, starts, rule.closed)
     closed = np.isfinite(scale)
     count = min(rule.near, int(np.count_nonzero(closed)))
@@ -248,9 +240,8 @@ def _gathered(
     Between two limbs some points climb onto the saddle: little comes to lie there for all that is
     around. Little also comes to the root of a limb, but from there the limb goes on.
     """
-    held = few.mass[:, None]
-    now = _sums(places, held, places, _ON * reach)[:, 0]
-    before = _sums(few.points, held, places, _ABOUT * reach)[:, 0]
+    now = _mass_about(places, few.mass, places, _ON * reach)
+    before = _mass_about(few.points, few.mass, places, _ABOUT * reach)
     lost = now < stray * before
     if not lost.any() or lost.all():
         return places, axes
@@ -266,10 +257,10 @@ def _gathered(
     return places, axes
 
 
-def _sums(
-    points: FloatArray, values: FloatArray, places: FloatArray, reach: FloatArray
+def _mass_about(
+    points: FloatArray, mass: FloatArray, places: FloatArray, reach: FloatArray
 ) -> FloatArray:
-    """Return the sums of points' values within reach of places."""
+    """Return the mass of the points within reach of places."""
     grid = grid_of(points, float(np.median(reach)))
-    given = grid, values[grid.order], places, reach
-    return shared_out(lambda some: (sums_near(*given, some),), np.arange(len(places)))[0]
+    given = grid, mass[grid.order], places, reach
+    return shared_out(lambda some: (mass_near(*given, some),), np.arange(len(places)))[0]

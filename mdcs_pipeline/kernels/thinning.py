@@ -71,7 +71,7 @@ def merged(points: FloatArray, weights: FloatArray, group: IntArray) -> Voxels:
     points : (n, 3) float64
     weights : (n,) float64
     group : (n,) int64
-        Numbered from 0 in the order of their first points.
+        Numbered from 0.
 
     Returns
     -------

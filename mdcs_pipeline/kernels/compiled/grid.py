@@ -264,6 +264,26 @@ def covering(grid: Grid, reach: FloatArray) -> tuple[IntArray, IntArray]:
     return chosen[:count].copy(), stands
 
 
+def standing_for(points: FloatArray, reach: FloatArray) -> tuple[IntArray, IntArray]:
+    """Return points that all others are near to, in the cloud's order.
+
+    Parameters
+    ----------
+    points : (n, 3) float64
+    reach : (n,) float64
+        How far a point that is chosen stands for others.
+
+    Returns
+    -------
+    chosen : (m,) int64
+    stands : (n,) int64
+        Which of the chosen stands for each point; for a chosen one, itself.
+    """
+    grid = grid_of(points, float(np.median(reach)))
+    chosen, stands = covering(grid, reach[grid.order])
+    return grid.order[chosen], scattered(grid, stands)
+
+
 def scattered(grid: Grid, values: NDArray[T]) -> NDArray[T]:
     """Return values in the grid's order in the cloud's."""
     result = np.empty_like(values)

@@ -168,15 +168,15 @@ def closing_scales(
 
 
 @njit(cache=True, nogil=True)
-def sums_near(
-    grid: Grid, values: FloatArray, places: FloatArray, reach: FloatArray, which: IntArray
+def mass_near(
+    grid: Grid, mass: FloatArray, places: FloatArray, reach: FloatArray, which: IntArray
 ) -> FloatArray:
-    """Return the sums of values over the points within reach of some of the places.
+    """Return the mass of the points within reach of some of the places.
 
     Parameters
     ----------
     grid : Grid
-    values : (n, v) float64
+    mass : (n,) float64
         In the grid's order.
     places : (m, 3) float64
     reach : (m,) float64
@@ -184,14 +184,13 @@ def sums_near(
 
     Returns
     -------
-    (k, v) float64
+    (k,) float64
     """
-    result, found = np.zeros((len(which), values.shape[1])), np.empty(len(values), np.int64)
+    result, found = np.zeros(len(which)), np.empty(len(mass), np.int64)
     for at in range(len(which)):
         i = which[at]
         for k in found[: within(grid, places[i], reach[i], found)]:
-            for v in range(values.shape[1]):
-                result[at, v] += values[k, v]
+            result[at] += mass[k]
     return result
 
 
