@@ -23,6 +23,7 @@ from mdcs_pipeline.kernels.labels import LineRule, line_like, skeletal_nodes
 from mdcs_pipeline.kernels.links import (
     Links,
     co_transport,
+    gone_on,
     named_pairs,
     shared_mass,
     straight_ahead,
@@ -174,6 +175,34 @@ def test_what_goes_on_from_an_end_is_ahead_of_it(unit: float) -> None:
     np.testing.assert_allclose(found, wanted, atol=1e-12)
     aslant = straight_ahead(nodes, np.concatenate([edges, [[3, 7]]]), np.array([[2, 7]]))
     np.testing.assert_allclose(aslant, [root], atol=1e-12)
+
+
+def test_an_end_goes_straight_on_along_its_strongest_link() -> None:
+    """A rail along x from node 0 to 4, and a rung from 5 to 7 that stops short of it."""
+    rail = [[0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0, 0], [4, 0, 0]]
+    nodes = np.array([*rail, [2, 3, 0], [2, 2, 0], [2, 1, 0]], dtype=float)
+    edges = np.array([[0, 1], [1, 2], [2, 3], [3, 4], [5, 6], [6, 7]])
+    pairs = np.array([[3, 7], [2, 7], [2, 6], [4, 5]])
+
+    def added(strength: list[float], least: float = 0.7) -> set[tuple[int, ...]]:
+        found = gone_on(nodes, edges, Links(pairs, np.array(strength)), least)
+        assert {tuple(pair) for pair in edges.tolist()} <= {tuple(pair) for pair in found.tolist()}
+        return {tuple(pair) for pair in found.tolist()} - {tuple(pair) for pair in edges.tolist()}
+
+    # 3 is 45° off the way, from 5 it leads back, and 6 is no end.
+    assert added([1.0, 0.1, 1.0, 1.0]) == {(3, 7)}
+    assert added([0.1, 1.0, 1.0, 1.0]) == {(2, 7)}
+    assert added([1.0, 0.1, 1.0, 1.0], 0.75) == {(2, 7)}
+    assert added([1.0, 0.1, 1.0, 1.0], 1.0) == {(2, 7)}
+    nothing = gone_on(nodes, edges, Links(np.empty((0, 2), np.int64), np.empty(0)), 0.7)
+    np.testing.assert_array_equal(nothing, edges)
+
+
+def test_two_ends_that_face_each_other_share_one_link() -> None:
+    nodes = np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0, 0]], dtype=float)
+    edges = np.array([[0, 1], [2, 3]])
+    facing = Links(np.array([[1, 2], [0, 2], [1, 3]]), np.array([0.9, 0.5, 0.5]))
+    assert gone_on(nodes, edges, facing, 0.7).tolist() == [[0, 1], [1, 2], [2, 3]]
 
 
 def test_a_widened_plan_is_that_of_the_same_potentials_at_the_larger_epsilon():

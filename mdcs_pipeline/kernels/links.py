@@ -155,6 +155,43 @@ def straight_ahead(nodes: FloatArray, edges: IntArray, pairs: IntArray) -> Float
     return best
 
 
+def gone_on(nodes: FloatArray, edges: IntArray, links: Links, least: float) -> IntArray:
+    """Return the edges and, for each end, the strongest link that goes straight on from it.
+
+    An end is a node with one edge. Two that face each other share one link.
+
+    Parameters
+    ----------
+    nodes : (m, 3) float64
+    edges : (E, 2) int64
+        i < j.
+    links : Links
+    least : float
+        Least cosine that is straight on.
+
+    Returns
+    -------
+    (F, 2) int64
+    """
+    ahead = straight_ahead(nodes, edges, links.pairs)
+    degree = np.bincount(edges.ravel(), minlength=len(nodes))
+    fewest = degree[links.pairs].min(axis=1)
+    onward = (ahead >= least) & (fewest == 1) & ~_among(links.pairs, edges)
+    taken, added = np.zeros(len(nodes), dtype=np.bool_), []
+    for k in np.flatnonzero(onward)[np.argsort(-links.strength[onward], kind="stable")]:
+        ends = [n for n in links.pairs[k] if degree[n] == 1]
+        if not taken[ends].any():
+            taken[ends] = True
+            added.append(links.pairs[k])
+    return unique_pairs(np.concatenate([edges, *(pair[None] for pair in added)]))
+
+
+def _among(pairs: IntArray, edges: IntArray) -> NDArray[np.bool_]:
+    """Return which pairs are edges; i < j in both."""
+    base = 1 + max((int(some.max()) for some in (pairs, edges) if len(some)), default=0)
+    return np.isin(pairs @ [base, 1], edges @ [base, 1])
+
+
 def _without_small(plan: sparse.csr_array, floor: float) -> sparse.csr_array:
     rows = np.repeat(np.arange(plan.shape[0]), np.diff(plan.indptr))
     totals = np.bincount(rows, plan.data, minlength=plan.shape[0])

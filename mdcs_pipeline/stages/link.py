@@ -11,7 +11,14 @@ from scipy import sparse
 from mdcs_pipeline.arrays import IntArray
 from mdcs_pipeline.kernels.compiled.shares import top_shares
 from mdcs_pipeline.kernels.contact import contacts, relative_contact
-from mdcs_pipeline.kernels.links import Links, co_transport, straight_ahead, unique_pairs, widened
+from mdcs_pipeline.kernels.links import (
+    Links,
+    co_transport,
+    gone_on,
+    straight_ahead,
+    unique_pairs,
+    widened,
+)
 from mdcs_pipeline.kernels.nerve import filled_triangles, open_triangles
 from mdcs_pipeline.kernels.spanning import spanning_links
 from mdcs_pipeline.messages import MassCloud, Nodes, RoughSkeleton, Surface, TransportPlan
@@ -57,6 +64,13 @@ class LinkSettings(Settings):
         le=1,
         description="Least cosine between an end and a link that goes on from it: such a link "
         "joins two pieces over any contact.",
+    )
+    onward: float = Field(
+        0.7,
+        ge=-1,
+        le=1,
+        description="Least cosine between an end and a strong link that goes on from it: such a "
+        "link needs no more than a touch, within a piece, too.",
     )
     least_share: float = Field(
         0.01, ge=0, lt=1, description="Share from which a point counts as serving a node (IV.C)."
@@ -109,6 +123,11 @@ class Link(Stage[LinkSettings]):
             edges = unique_pairs(
                 np.concatenate([edges[~nodes.fixed[edges].all(axis=1)], _kept(nodes)])
             )
+        # Little may show of a limb's root, and still it goes on into what it touches.
+        open_to = (links.strength > settings.strength) & (near > 0)
+        open_to &= ~nodes.fixed[links.pairs].any(axis=1)
+        onward = Links(links.pairs[open_to], links.strength[open_to])
+        edges = gone_on(nodes.positions, edges, onward, settings.onward)
         # Strands side by side share mass, and stray points of theirs are neighbours.
         ahead = straight_ahead(nodes.positions, edges, links.pairs)
         firm = (near >= settings.joining_contact) | (ahead >= settings.joining_ahead)
