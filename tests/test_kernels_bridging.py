@@ -7,11 +7,12 @@ import pytest
 from problems import line
 from scipy.spatial.distance import cdist
 
-from mdcs_pipeline.kernels.bridging import BridgeRule, Shore, bridges
+from mdcs_pipeline.kernels.bridging import BridgeRule, bridges
 from mdcs_pipeline.kernels.courses import Course
 from mdcs_pipeline.kernels.ends import End, limb_ends, lone_segments, stretched
 from mdcs_pipeline.kernels.nearest import nearest
 from mdcs_pipeline.kernels.rims import free_angle
+from mdcs_pipeline.kernels.shore import Shore
 from mdcs_pipeline.kernels.spurs import shed_spurs, shed_strays
 
 NONE = np.empty((0, 2), np.int64)
@@ -332,6 +333,54 @@ def test_a_loop_is_closed_only_straight_ahead():
         built = bridged(
             [end(0, [0, 0, 0], [1, 0, 0])], [goal], BridgeRule(), pairs=np.array([[0, 1]])
         )
+        assert built == wanted
+
+
+def test_a_ring_is_not_walled_by_its_own_tube_where_its_last_nodes_lag_behind_its_bend():
+    # The tests before had straight limbs, or no points: a chord of the last nodes then leaves
+    # the tube as its course does.
+    turn = np.linspace(np.deg2rad(60.0), np.deg2rad(300.0), 4000)
+    around = np.random.default_rng(5).uniform(0.0, 2 * np.pi, len(turn))
+    radial = np.column_stack([np.cos(turn), np.sin(turn), 0 * turn])
+    tube = 0.35 * (np.cos(around)[:, None] * radial + np.sin(around)[:, None] * [0, 0, 1])
+    points = radial + tube
+    nodes = np.array([[np.cos(a), np.sin(a), 0] for a in np.deg2rad(np.arange(80, 300, 40.0))])
+    edges = np.column_stack([np.arange(5), np.arange(1, 6)])
+    owner = nearest_node(points, nodes)
+    scale = np.full(len(nodes), 0.35)
+    ends = limb_ends(nodes, scale, edges, points, owner, rims(points))
+    lagging = [e._replace(openness=1.0) for e in ends]
+    shore = Shore.around(nodes, scale, points, owner)
+    assert bridges(edges, lagging, shore, BridgeRule(aim=2.0)).tolist() == [[0, 5]]
+    straight = [e._replace(course=Course(e.outward, np.zeros(3))) for e in lagging]
+    assert bridges(edges, straight, shore, BridgeRule(aim=2.0)).tolist() == []
+
+
+def test_ends_that_met_at_an_angle_still_join_what_they_stood_on():
+    # Two limbs of a star whose middle is gone face each other; the third has no open end.
+    ends = [end(0, [0.2, 0, 0], [-1, 0, 0]), end(1, [0, 0.2, 0], [0, -1, 0])]
+    hub = [[-0.2, -0.02, 0], [-0.4, -0.02, 0]]
+    pairs = np.array([[2, 3]])
+    assert bridged(ends, hub, BridgeRule(), pairs) == [[0, 1], [0, 2]]
+
+
+def test_a_limb_that_goes_on_over_its_bridge_joins_nothing_else():
+    # Beside the cut bar stands another: the bar's ends aim past each other's, at its side.
+    ends = [end(0, [0, 0, 0], [1, 0, 0]), end(1, [0.3, 0, 0], [-1, 0, 0])]
+    other = [[0.8, 0.1, 0], [0.9, 0.1, 0]]
+    assert bridged(ends, other, BridgeRule(), np.array([[2, 3]])) == [[0, 1]]
+
+
+def test_a_slice_of_a_pipe_joins_what_lies_on_its_other_side():
+    lone = end(0, [0, 0, 0], [1, 0, 0])._replace(
+        outward=np.zeros(3), course=Course(np.zeros(3), np.zeros(3))
+    )
+    ends = [lone, end(1, [0.4, 0, 0], [-1, 0, 0])]
+    for x, wanted in ((-0.5, [[0, 1], [0, 2]]), (1.4, [[0, 1]])):
+        goal = [[x, 0.0, 0], [x, 1.0, 0], [x, -1.0, 0]]
+        pairs = np.array([[2, 3], [2, 4]])
+        # Of its own the end aims at nothing: only what is left joins.
+        built = bridged(ends, goal, BridgeRule(crowd_aim=-1.0), pairs)
         assert built == wanted
 
 

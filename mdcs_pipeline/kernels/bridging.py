@@ -6,10 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
-from mdcs_pipeline.kernels.courses import smooth_way
 from mdcs_pipeline.kernels.ends import End
+from mdcs_pipeline.kernels.joining import BETWEEN, joined_pieces
+from mdcs_pipeline.kernels.shore import Shore, straightness
 from mdcs_pipeline.kernels.spanning import piece_labels
 
 FloatArray = NDArray[np.float64]
@@ -17,8 +17,6 @@ IntArray = NDArray[np.int64]
 
 # Taken off the sum of two cosines: alignment then counts for more than a shorter bridge does.
 _SLACK = 0.5
-# Where a bridge is looked at as something to aim at: not at its ends.
-_BETWEEN = (0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875)
 
 
 class BridgeRule(NamedTuple):
@@ -48,6 +46,9 @@ class BridgeRule(NamedTuple):
         leads through the surface. One that is pierced brings about 0.08.
     crowd_aim : float
         The same for an end that aims at something that does not face it.
+    onward : float
+        Mean cosine of two ends' courses and their bridge from which one limb goes on over it;
+        of those that meet at a sharper angle each may still join another piece.
     """
 
     openness: float = 0.15
@@ -60,74 +61,7 @@ class BridgeRule(NamedTuple):
     girth_aim: float = 0.5
     crowd: float = 0.06
     crowd_aim: float = 0.03
-
-
-class Shore(NamedTuple):
-    """The cloud around the ends.
-
-    Parameters
-    ----------
-    nodes : (m, 3) float64
-    scale : (m,) float64
-        Local radius.
-    points : (n, 3) float64
-    held : (m,) int64
-        Points of each node.
-    tree : cKDTree
-        Of the points.
-    """
-
-    nodes: FloatArray
-    scale: FloatArray
-    points: FloatArray
-    held: IntArray
-    tree: cKDTree
-
-    @classmethod
-    def around(
-        cls, nodes: FloatArray, scale: FloatArray, points: FloatArray, owner: IntArray
-    ) -> Shore:
-        """Return the cloud with the node of each point, (n,)."""
-        held = np.bincount(owner, minlength=len(nodes))
-        return cls(nodes, scale, points, held, cKDTree(points))
-
-    def walled(self, a: End, b: End, crowd: float) -> bool:
-        """Return whether the straight and the bent way between two ends both pierce the surface."""
-        if not (self.pierced(a, b.place, crowd) or self.pierced(b, a.place, crowd)):
-            return False
-        way = smooth_way(a.place, a.outward, b.place, b.outward)
-        # What is farther than any end counts is not looked at: the scene may be large.
-        around = self.within(way, 0.5 * max(a.radius, b.radius))
-        distance, nearest = (np.asarray(found) for found in cKDTree(way).query(around))
-        between = (nearest > 0) & (nearest < len(way) - 1)
-        return any(self._crowded(distance[between], end, crowd) for end in (a, b))
-
-    def within(self, places: FloatArray, reach: float) -> FloatArray:
-        """Return the points within reach of any of some places, (k, 3)."""
-        near = self.tree.query_ball_point(places, reach)
-        return self.points[np.unique(np.concatenate([*near, []]).astype(np.int64))]
-
-    def _crowded(self, distance: FloatArray, end: End, crowd: float) -> bool:
-        near = np.count_nonzero(distance < 0.5 * end.radius)
-        return bool(near > crowd * self.held[end.node])
-
-    def pierced(self, end: End, goal: FloatArray, crowd: float) -> bool:
-        """Return whether the way from an end to `goal` leads through the surface.
-
-        Both lie inside the shape. Only through holes does a straight way lead from one to the
-        other without points around it.
-        """
-        way = goal - end.place
-        length = float(np.linalg.norm(way))
-        reach = max(0.5 * end.radius, 1e-3 * length)
-        steps = np.linspace(0.0, 1.0, 2 + int(length / reach))
-        # Between two steps a point within reach of the way is that far from one of them.
-        around = self.within(end.place + np.outer(steps, way), 1.2 * reach)
-        offset = around - end.place
-        along = offset @ way / length
-        between = (along > 0) & (along < length)
-        across = np.linalg.norm(offset[between] - np.outer(along[between] / length, way), axis=1)
-        return self._crowded(across, end, crowd)
+    onward: float = 0.85
 
 
 def bridges(pairs: IntArray, ends: list[End], shore: Shore, rule: BridgeRule) -> IntArray:
@@ -138,7 +72,7 @@ def bridges(pairs: IntArray, ends: list[End], shore: Shore, rule: BridgeRule) ->
     of three limbs is missing; to any node that it aims at: where a limb was cut off at its root;
     or to a bridge that it aims at: where all of a T is missing. No bridge leads through the
     surface, so that both its ends are open to it. Bridges that cross are tied together: where a
-    crossing is missing.
+    crossing is missing. Pieces that are left are joined from their open ends.
 
     Parameters
     ----------
@@ -169,26 +103,47 @@ def bridges(pairs: IntArray, ends: list[End], shore: Shore, rule: BridgeRule) ->
             if ahead is not None:
                 built.append((end.node, ahead))
     radius = {end.node: end.radius for end in ends}
-    return _as_pairs(built + _ties(built, shore.nodes, radius))
+    built += _ties(built, shore.nodes, radius)
+    by_node = {end.node: end for end in ends}
+    missing = [_missing(end, built, by_node, rule.onward) for end in opened]
+    joined = np.concatenate([pairs, _as_pairs(built)])
+    left = [end for end in missing if end is not None]
+    more = joined_pieces(joined, left, shore, rule.reach, rule.aim, rule.crowd)
+    return np.concatenate([_as_pairs(built), np.sort(more, axis=1)])
+
+
+def _missing(
+    end: End, built: list[tuple[int, int]], by_node: dict[int, End], onward: float
+) -> End | None:
+    """Return an open end as it looks at what is missing yet, None where nothing is.
+
+    A limb that goes on over its bridge asks for no more, nor does an end that was joined to
+    what it aims at. Where two ends have met at an angle, what both stood on may be missing.
+    """
+    partners = [a + b - end.node for a, b in built if end.node in (a, b)]
+    if not partners:
+        return end
+    if any(node not in by_node for node in partners):
+        return None
+    others = [by_node[node] for node in partners]
+    if not end.outward.any():
+        # A slice of a pipe with one bridge looks out at its other side.
+        away = end.place - others[0].place
+        return end._replace(outward=away / np.linalg.norm(away)) if len(others) == 1 else None
+    for other in others:
+        both = _on_course(end, other.place), _on_course(other, end.place)
+        if (sum(both) / 2.0 if other.outward.any() else both[0]) >= onward:
+            return None
+    return end
 
 
 def _as_pairs(built: list[tuple[int, int]]) -> IntArray:
     return np.sort(np.array(built, dtype=np.int64).reshape(-1, 2), axis=1)
 
 
-def _cosine(end: End, goal: FloatArray) -> float:
-    """Return how straight ahead of an end `goal` lies; an end without direction looks anywhere."""
-    gap = goal - end.place
-    length = float(np.linalg.norm(gap))
-    if length == 0.0 or not end.outward.any():
-        return 0.7
-    straight = float(end.outward @ gap) / length
-    return max(straight, float(end.rimward @ gap) / length) if straight > -0.2 else straight
-
-
 def _on_course(end: End, goal: FloatArray) -> float:
     """Return how straight ahead, or how near to the circle of its limb, `goal` lies."""
-    return max(_cosine(end, goal), end.course.cosine(goal - end.place))
+    return max(straightness(end, goal), end.course.cosine(goal - end.place))
 
 
 def _facing(ends: list[End], shore: Shore, rule: BridgeRule) -> list[tuple[float, int, int]]:
@@ -223,10 +178,10 @@ def _ahead(
     # The rim of something thick is nearer than its axis.
     near = (length - shore.scale <= rule.reach * end.radius) & (length > 0)
     for node in np.flatnonzero(near).tolist():
-        cosine = _cosine(end, shore.nodes[node])
+        cosine = straightness(end, shore.nodes[node])
         if cosine < rule.aim or length[node] / cosine >= best:
             continue
-        faces = node in ends and _cosine(ends[node], end.place) >= rule.facing
+        faces = node in ends and straightness(ends[node], end.place) >= rule.facing
         straight = float(end.outward @ (shore.nodes[node] - end.place)) / length[node]
         flat = end.node not in rimmed or (node in ends and node not in rimmed)
         within = not flat and (faces or straight >= rule.aim_within)
@@ -241,9 +196,9 @@ def _across(end: End, built: list[tuple[int, int]], shore: Shore, rule: BridgeRu
     """Return the nearer end of the bridge that a left-over end aims at, if any."""
     best, goal = np.inf, None
     for a, b in built:
-        for t in _BETWEEN:
+        for t in BETWEEN:
             place = (1.0 - t) * shore.nodes[a] + t * shore.nodes[b]
-            length, cosine = float(np.linalg.norm(place - end.place)), _cosine(end, place)
+            length, cosine = float(np.linalg.norm(place - end.place)), straightness(end, place)
             if length > rule.reach * end.radius or cosine < rule.aim or length >= best * cosine:
                 continue
             if not shore.pierced(end, place, rule.crowd):

@@ -9,10 +9,11 @@ import numpy as np
 from pydantic import Field
 
 from mdcs_pipeline.kernels.assignment import plan_owners
-from mdcs_pipeline.kernels.bridging import BridgeRule, Shore, bridges
+from mdcs_pipeline.kernels.bridging import BridgeRule, bridges
 from mdcs_pipeline.kernels.ends import limb_ends
 from mdcs_pipeline.kernels.nearest import nearest
 from mdcs_pipeline.kernels.rims import free_angle
+from mdcs_pipeline.kernels.shore import Shore
 from mdcs_pipeline.messages import MassCloud, RoughSkeleton
 from mdcs_pipeline.stage import Settings, Stage
 
@@ -74,6 +75,13 @@ class BridgeSettings(Settings):
     )
     crowd_aim: float = Field(
         _RULE.crowd_aim, ge=0, description="The same where an end aims at what does not face it."
+    )
+    onward: float = Field(
+        _RULE.onward,
+        ge=-1,
+        le=1,
+        description="Mean cosine of two ends' courses and their bridge from which one limb goes "
+        "on over it; from those that meet at a sharper angle other pieces are still looked for.",
     )
 
 
