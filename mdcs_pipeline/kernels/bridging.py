@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mdcs_pipeline.kernels.ends import End
-from mdcs_pipeline.kernels.joining import BETWEEN, joined_pieces
+from mdcs_pipeline.kernels.joining import BETWEEN, joined_pieces, places_on
 from mdcs_pipeline.kernels.shore import Shore, straightness
 from mdcs_pipeline.kernels.spanning import piece_labels
 
@@ -69,7 +69,8 @@ def bridges(pairs: IntArray, ends: list[End], shore: Shore, rule: BridgeRule) ->
 
     Two ends are joined when each lies on the course of the other, best first, each end once. An
     open one that is left over is joined to an end that it faces, taken or not: where a junction
-    of three limbs is missing; to any node that it aims at: where a limb was cut off at its root;
+    of three limbs is missing; to any node, or edge of another piece, that it aims at: where a
+    limb was cut off at its root;
     or to a bridge that it aims at: where all of a T is missing. No bridge leads through the
     surface, so that both its ends are open to it. Bridges that cross are tied together: where a
     crossing is missing. Pieces that are left are joined from their open ends.
@@ -97,7 +98,7 @@ def bridges(pairs: IntArray, ends: list[End], shore: Shore, rule: BridgeRule) ->
     for end in opened:
         if free[end.node] > 0 and not any(end.node in pair for pair in built):
             joined = np.concatenate([pairs, _as_pairs(built)])
-            ahead = _ahead(end, opened, shore, piece_labels(len(shore.nodes), joined), rule)
+            ahead = _ahead(end, opened, shore, joined, rule)
             if ahead is None:
                 ahead = _across(end, built, shore, rule)
             if ahead is not None:
@@ -167,28 +168,34 @@ def _facing(ends: list[End], shore: Shore, rule: BridgeRule) -> list[tuple[float
 
 
 def _ahead(
-    end: End, opened: list[End], shore: Shore, piece: IntArray, rule: BridgeRule
+    end: End, opened: list[End], shore: Shore, pairs: IntArray, rule: BridgeRule
 ) -> int | None:
-    """Return the node that a left-over end is joined to, if any."""
+    """Return the node that a left-over end is joined to, or the nearer one of an edge, if any."""
+    piece = piece_labels(len(shore.nodes), pairs)
     best, goal = np.inf, None
     # Flat ends close no loop, neither with each other nor with their own limb.
     rimmed = {e.node for e in opened if e.radius >= rule.girth_aim * shore.scale[e.node]}
     ends = {other.node: other for other in opened}
-    length = np.linalg.norm(shore.nodes - end.place, axis=1)
+    places, stand = places_on(shore.nodes, pairs)
+    length = np.linalg.norm(places - end.place, axis=1)
     # The rim of something thick is nearer than its axis.
-    near = (length - shore.scale <= rule.reach * end.radius) & (length > 0)
-    for node in np.flatnonzero(near).tolist():
-        cosine = straightness(end, shore.nodes[node])
-        if cosine < rule.aim or length[node] / cosine >= best:
+    near = (length - shore.scale[stand] <= rule.reach * end.radius) & (stand != end.node)
+    # Only what knows where it looks aims between nodes, and only at what closes no loop.
+    inner = np.arange(len(places)) >= len(shore.nodes)
+    near &= ~inner | (end.outward.any() & (piece[stand] != piece[end.node]))
+    for k in np.flatnonzero(near).tolist():
+        node, place = int(stand[k]), places[k]
+        cosine = straightness(end, place)
+        if cosine < rule.aim or length[k] / cosine >= best:
             continue
-        faces = node in ends and straightness(ends[node], end.place) >= rule.facing
-        straight = float(end.outward @ (shore.nodes[node] - end.place)) / length[node]
+        faces = k in ends and straightness(ends[k], end.place) >= rule.facing
+        straight = float(end.outward @ (place - end.place)) / length[k]
         flat = end.node not in rimmed or (node in ends and node not in rimmed)
         within = not flat and (faces or straight >= rule.aim_within)
         if (within or piece[node] != piece[end.node]) and not shore.pierced(
-            end, shore.nodes[node], rule.crowd_aim
+            end, place, rule.crowd_aim
         ):
-            best, goal = length[node] / cosine, node
+            best, goal = length[k] / cosine, node
     return goal
 
 

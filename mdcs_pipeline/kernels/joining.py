@@ -31,7 +31,7 @@ def joined_pieces(
         Those that something is missing behind.
     shore : Shore
     reach : float
-        Longest way from an end to the surface of its goal, in the end's radius.
+        Longest way from an end's rim to the surface of its goal, in the end's radius.
     aim : float
         Least cosine between an end and the way to its goal.
     crowd : float
@@ -42,12 +42,13 @@ def joined_pieces(
     (J, 2) int64
     """
     piece = piece_labels(len(shore.nodes), pairs)
-    places, goals = _places_on(shore.nodes, pairs)
+    places, goals = places_on(shore.nodes, pairs)
     found = []
     for k, end in enumerate(ends):
         length = np.linalg.norm(places - end.place, axis=1)
-        # The rim of something thick is nearer than its axis.
-        near = length - shore.scale[goals] <= reach * end.radius
+        # Both the limb and what it aims at reach towards each other.
+        gap = length - shore.scale[goals] - max(end.extent, 0.0)
+        near = gap <= reach * end.radius
         for goal in np.flatnonzero(near & (piece[goals] != piece[end.node])).tolist():
             cosine = straightness(end, places[goal])
             if cosine >= aim:
@@ -61,7 +62,7 @@ def joined_pieces(
     return np.array(joined, dtype=np.int64).reshape(-1, 2)
 
 
-def _places_on(nodes: FloatArray, pairs: IntArray) -> tuple[FloatArray, IntArray]:
+def places_on(nodes: FloatArray, pairs: IntArray) -> tuple[FloatArray, IntArray]:
     """Return places on a graph, (p, 3), and the node that each stands for, (p,)."""
     first, second = pairs.T
     places, stand = [nodes], [np.arange(len(nodes))]
