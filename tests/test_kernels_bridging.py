@@ -331,7 +331,7 @@ def test_an_end_aims_between_the_nodes_of_another_piece_but_closes_no_loop_there
     ends = [end(0, [0, 0, 0], [1, 0, 0])]
     bar = [[0.5, 0.2, 0], [0.5, -0.45, 0]]
     assert bridged(ends, bar, BridgeRule(), np.array([[1, 2]])) == [[0, 1]]
-    assert bridged(ends, bar, BridgeRule(aim_within=0.9), np.array([[0, 1], [1, 2]])) == []
+    assert bridged(ends, bar, BridgeRule(aim_within=0.95), np.array([[0, 1], [1, 2]])) == []
 
 
 def test_a_loop_is_closed_only_straight_ahead():
