@@ -70,10 +70,10 @@ def bridges(pairs: IntArray, ends: list[End], shore: Shore, rule: BridgeRule) ->
     Two ends are joined when each lies on the course of the other, best first, each end once. An
     open one that is left over is joined to an end that it faces, taken or not: where a junction
     of three limbs is missing; to any node, or edge of another piece, that it aims at: where a
-    limb was cut off at its root;
-    or to a bridge that it aims at: where all of a T is missing. No bridge leads through the
-    surface, so that both its ends are open to it. Bridges that cross are tied together: where a
-    crossing is missing. Pieces that are left are joined from their open ends.
+    limb was cut off at its root; or to a bridge that it aims at: where all of a T is missing. No
+    bridge leads through the surface, so that both its ends are open to it. Bridges that cross are
+    tied together: where a crossing is missing. Pieces that are left are joined from their open
+    ends.
 
     Parameters
     ----------
@@ -105,12 +105,20 @@ def bridges(pairs: IntArray, ends: list[End], shore: Shore, rule: BridgeRule) ->
                 built.append((end.node, ahead))
     radius = {end.node: end.radius for end in ends}
     built += _ties(built, shore.nodes, radius)
+    return np.concatenate([_as_pairs(built), _joined(pairs, built, ends, shore, rule)])
+
+
+def _joined(
+    pairs: IntArray, built: list[tuple[int, int]], ends: list[End], shore: Shore, rule: BridgeRule
+) -> IntArray:
+    """Return edges between the pieces that bridges have left."""
     by_node = {end.node: end for end in ends}
+    opened = [end for end in ends if end.openness >= rule.openness]
     missing = [_missing(end, built, by_node, rule.onward) for end in opened]
-    joined = np.concatenate([pairs, _as_pairs(built)])
     left = [end for end in missing if end is not None]
-    more = joined_pieces(joined, left, shore, rule.reach, rule.aim, rule.crowd)
-    return np.concatenate([_as_pairs(built), np.sort(more, axis=1)])
+    together = np.concatenate([pairs, _as_pairs(built)])
+    more = joined_pieces(together, left, shore, rule.reach, rule.aim, rule.crowd)
+    return np.sort(more, axis=1)
 
 
 def _missing(
