@@ -3,7 +3,8 @@
 Where noise is a good part of the radius, no patch has a normal, so no ball that touches it has a
 centre. But points still crowd about their limb's axis: a tube of radius r with Gaussian noise,
 smoothed with a bandwidth h near r, is densest along its axis. Mean shift across the ridge takes
-each point there.
+each point there. Limbs side by side blur into one such ridge where h is as wide as the gap; so
+places climb again, on the density of the mass that pieces of limbs explain, which is sharper.
 
 How wide h must be shows in the ridge itself. The smallest eigenvalue λ of the weighted covariance
 there, over h², is small as long as h is larger than the limb is thick, and rises to that of a
@@ -22,8 +23,9 @@ from scipy import sparse
 from scipy.spatial import cKDTree
 
 from mdcs_pipeline.kernels.compiled.grid import Grid, grid_of, standing_for
-from mdcs_pipeline.kernels.compiled.ridge import climbed, closing_scales, continued, mass_near
+from mdcs_pipeline.kernels.compiled.ridge import climbed, closing_scales
 from mdcs_pipeline.kernels.compiled.spreading import spread_minimum
+from mdcs_pipeline.kernels.limbs import Pieces, blurred_tubes, explained_mass
 from mdcs_pipeline.kernels.thinning import merged
 from mdcs_pipeline.kernels.workers import shared_out
 
@@ -40,14 +42,14 @@ _WINDOW = 0.85
 _THINNED = 0.25
 # Fewer places whose window closed than this show nothing.
 _LEAST = 3
-# Near on a ridge, and about it, in bandwidths.
-_ON, _ABOUT = 0.3, 1.0
+# About a probe, in bandwidths.
+_ABOUT = 1.0
 # Places that show whether a cloud is noisy, and points about each at most.
 _PROBES, _SHOWN = 40, 12
-# Up to where a ridge goes on, in bandwidths.
-_ONWARD = 1.2
-# Strays move no farther than this, in bandwidths: a limb of its own is none.
-_FARTHEST = 1.5
+# What limbs explain: distance of pieces, their noise and length in radii, and turns of transport.
+_APART, _BLUR, _PIECE, _TURNS = 0.2, 0.42, 0.8, 30
+# How often places climb on that, and the bandwidth, in the one before.
+_ROUNDS, _SHARPER = 2, 0.7
 
 
 class RidgeRule(NamedTuple):
@@ -65,9 +67,6 @@ class RidgeRule(NamedTuple):
         Scales of so many starts are asked for their median.
     slope : float
         The bandwidth grows at most by this for every unit of distance along the surface.
-    stray : float
-        Mass that has come close to a place, over what was around it before, below which it is no
-        ridge.
     """
 
     closed: float = 0.68
@@ -75,7 +74,6 @@ class RidgeRule(NamedTuple):
     starts: float = 0.5
     near: int = 15
     slope: float = 0.3
-    stray: float = 1.0
 
 
 class Ridges(NamedTuple):
@@ -164,8 +162,7 @@ def ridges(
         return None
     whole = reach[stands]
     reach = spread_minimum(graph.indptr, graph.indices, graph.data, whole, rule.slope)[0][chosen]
-    places, axes = _climbed(few, few.points, reach)
-    places, axes = _gathered(few, places, axes, reach, rule.stray)
+    places, axes = _sharpened(few, *_climbed(few, few.points, reach), reach)
     return Ridges(places[stands], axes[stands], reach[stands] / _WINDOW)
 
 
@@ -232,35 +229,20 @@ def _climbed(few: _Cloud, starts: FloatArray, reach: FloatArray) -> tuple[FloatA
     return places, axes
 
 
-def _gathered(
-    few: _Cloud, places: FloatArray, axes: FloatArray, reach: FloatArray, stray: float
+def _sharpened(
+    few: _Cloud, places: FloatArray, axes: FloatArray, reach: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return places and axes, those of strays moved to the nearest ridge.
+    """Return places and axes that have climbed again, now the density of what limbs explain.
 
-    Between two limbs some points climb onto the saddle: little comes to lie there for all that is
-    around. Little also comes to the root of a limb, but from there the limb goes on.
+    Between two limbs some points climb onto the saddle. As a piece of limb it explains little that
+    its neighbours do not, so that it loses its pull.
     """
-    now = _mass_about(places, few.mass, places, _ON * reach)
-    before = _mass_about(few.points, few.mass, places, _ABOUT * reach)
-    lost = now < stray * before
-    if not lost.any() or lost.all():
-        return places, axes
-    grid = grid_of(places[~lost], float(np.median(reach)))
-    given = grid, axes[~lost][grid.order], places, axes, _ONWARD * reach
-    (roots,) = shared_out(lambda some: (continued(*given, some),), np.flatnonzero(lost))
-    asked, ridge = np.flatnonzero(lost), np.flatnonzero(~lost)
-    away, nearest = (np.asarray(one) for one in cKDTree(places[ridge]).query(places[asked]))
-    move = ~roots & (away < _FARTHEST * reach[asked])
-    places, axes = places.copy(), axes.copy()
-    to = ridge[nearest[move]]
-    places[asked[move]], axes[asked[move]] = places[to], axes[to]
+    for _ in range(_ROUNDS):
+        chosen, _ = standing_for(places, _APART / _WINDOW * reach)
+        pieces = Pieces(places[chosen], axes[chosen], reach[chosen] / _WINDOW)
+        held = explained_mass(blurred_tubes(few.points, pieces, _BLUR, _PIECE), few.mass, _TURNS)
+        grid = grid_of(pieces.places, float(np.median(reach)))
+        sharp = few._replace(pulling=grid, pull=held[grid.order])
+        places, ways = _climbed(sharp, places, _SHARPER * reach)
+        axes = np.where(ways.any(axis=1, keepdims=True), ways, axes)
     return places, axes
-
-
-def _mass_about(
-    points: FloatArray, mass: FloatArray, places: FloatArray, reach: FloatArray
-) -> FloatArray:
-    """Return the mass of the points within reach of places."""
-    grid = grid_of(points, float(np.median(reach)))
-    given = grid, mass[grid.order], places, reach
-    return shared_out(lambda some: (mass_near(*given, some),), np.arange(len(places)))[0]

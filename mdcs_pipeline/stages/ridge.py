@@ -65,13 +65,6 @@ class RidgeSettings(Settings):
         le=10,
         description="Most that the window grows per unit of distance along the surface.",
     )
-    stray: float = Field(
-        _RULE.stray,
-        ge=0,
-        le=10,
-        description="Mass that has come close to a place, in what was around it before, below "
-        "which it lies between limbs and moves to the nearest.",
-    )
 
 
 class RidgeOutput(NamedTuple):

@@ -12,14 +12,12 @@ from numba import njit
 
 from mdcs_pipeline.kernels.compiled.grid import Grid, within
 from mdcs_pipeline.kernels.compiled.symmetric import principal
-from mdcs_pipeline.kernels.compiled.types import BoolArray, FloatArray, IntArray
+from mdcs_pipeline.kernels.compiled.types import FloatArray, IntArray
 
 # Bandwidths within which points count; a step of mean shift falls short of the ridge by a third.
 _WINDOW, _RELAXED = 2.5, 1.3
 # Steps at most, and the length, in bandwidths, of one after which there is no other.
 _STEPS, _SETTLED = 20, 0.02
-# Cosine from which directions are alike.
-_IN_LINE = 0.8
 
 
 @njit(cache=True, nogil=True)
@@ -164,73 +162,4 @@ def closing_scales(
                 result[at] = radius[i] * larger * (factors[f] / larger) ** part
                 break
             before = thin
-    return result
-
-
-@njit(cache=True, nogil=True)
-def mass_near(
-    grid: Grid, mass: FloatArray, places: FloatArray, reach: FloatArray, which: IntArray
-) -> FloatArray:
-    """Return the mass of the points within reach of some of the places.
-
-    Parameters
-    ----------
-    grid : Grid
-    mass : (n,) float64
-        In the grid's order.
-    places : (m, 3) float64
-    reach : (m,) float64
-    which : (k,) int64
-
-    Returns
-    -------
-    (k,) float64
-    """
-    result, found = np.zeros(len(which)), np.empty(len(mass), np.int64)
-    for at in range(len(which)):
-        i = which[at]
-        for k in found[: within(grid, places[i], reach[i], found)]:
-            result[at] += mass[k]
-    return result
-
-
-@njit(cache=True, nogil=True)
-def continued(
-    grid: Grid,
-    ways: FloatArray,
-    places: FloatArray,
-    axes: FloatArray,
-    reach: FloatArray,
-    which: IntArray,
-) -> BoolArray:
-    """Return which of some places lie in line with a ridge that goes on as they do.
-
-    Parameters
-    ----------
-    grid : Grid
-        Places on ridges.
-    ways : (n, 3) float64
-        Their axes, in the grid's order.
-    places, axes : (m, 3) float64
-    reach : (m,) float64
-        How far away a ridge may be.
-    which : (k,) int64
-
-    Returns
-    -------
-    (k,) bool
-    """
-    result, found = np.zeros(len(which), np.bool_), np.empty(len(ways), np.int64)
-    for at in range(len(which)):
-        i = which[at]
-        t0, t1, t2 = axes[i, 0], axes[i, 1], axes[i, 2]
-        for k in found[: within(grid, places[i], reach[i], found)]:
-            x = grid.points[k, 0] - places[i, 0]
-            y = grid.points[k, 1] - places[i, 1]
-            z = grid.points[k, 2] - places[i, 2]
-            straight = abs(x * t0 + y * t1 + z * t2) > _IN_LINE * np.sqrt(x * x + y * y + z * z)
-            alike = abs(ways[k, 0] * t0 + ways[k, 1] * t1 + ways[k, 2] * t2) > _IN_LINE
-            if straight and alike:
-                result[at] = True
-                break
     return result
