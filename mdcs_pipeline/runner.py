@@ -125,6 +125,8 @@ class Runner:
         except MdcsError as error:
             raise error.located(where) from error
         except Exception as error:
+            if _interrupted(error):
+                raise KeyboardInterrupt from error
             raise StageError(
                 f"the stage failed with {type(error).__name__}",
                 where=where,
@@ -187,3 +189,11 @@ def _checked(returned: Any, ports: Mapping[str, Port], where: str) -> Iterator[t
                 received=type(value).__name__,
             )
         yield name, value
+
+
+def _interrupted(error: BaseException | None) -> bool:
+    """Return whether Ctrl-C is behind a SystemError: compiled code that it meets raises that."""
+    told = isinstance(error, SystemError)
+    while told and error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__ or error.__context__
+    return told and error is not None

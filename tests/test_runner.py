@@ -297,9 +297,30 @@ def test_a_stage_must_give_what_its_ports_declare(bad: type[Any], message: str) 
     assert "stage 'worker'" in str(caught.value)
 
 
-def test_ctrl_c_passes_through() -> None:
+class Compiled(Stage[Settings]):
+    """Ends as numba's dispatcher does where a signal meets it."""
+
+    def __call__(self, number: Number) -> Out:
+        try:
+            raise KeyboardInterrupt
+        except KeyboardInterrupt as error:
+            raise SystemError("returned a result with an exception set") from error
+
+
+class Unsound(Stage[Settings]):
+    def __call__(self, number: Number) -> Out:
+        raise SystemError("returned a result with an exception set")
+
+
+@pytest.mark.parametrize("bad", [Stopped, Compiled])
+def test_ctrl_c_passes_through(bad: type[Any]) -> None:
     with pytest.raises(KeyboardInterrupt):
-        runner_of(ONE_STAGE, bad=Stopped).run()
+        runner_of(ONE_STAGE, bad=bad).run()
+
+
+def test_a_system_error_without_ctrl_c_is_the_stage_s_fault() -> None:
+    with pytest.raises(StageError, match="SystemError"):
+        runner_of(ONE_STAGE, bad=Unsound).run()
 
 
 # --- hooks
