@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mdcs_pipeline.kernels.ends import End
-from mdcs_pipeline.kernels.joining import BETWEEN, joined_pieces, places_on
+from mdcs_pipeline.kernels.joining import joined_pieces, places_on
 from mdcs_pipeline.kernels.shore import Shore, straightness
 from mdcs_pipeline.kernels.spanning import piece_labels
 
@@ -210,14 +210,14 @@ def _ahead(
 def _across(end: End, built: list[tuple[int, int]], shore: Shore, rule: BridgeRule) -> int | None:
     """Return the nearer end of the bridge that a left-over end aims at, if any."""
     best, goal = np.inf, None
-    for a, b in built:
-        for t in BETWEEN:
-            place = (1.0 - t) * shore.nodes[a] + t * shore.nodes[b]
-            length, cosine = float(np.linalg.norm(place - end.place)), straightness(end, place)
-            if length > rule.reach * end.radius or cosine < rule.aim or length >= best * cosine:
-                continue
-            if not shore.pierced(end, place, rule.crowd):
-                best, goal = length / cosine, a if t < 0.5 else b
+    bridged = places_on(shore.nodes, np.array(built, dtype=np.int64).reshape(-1, 2))
+    places, stand = (found[len(shore.nodes) :] for found in bridged)
+    for place, node in zip(places, stand.tolist(), strict=True):
+        length, cosine = float(np.linalg.norm(place - end.place)), straightness(end, place)
+        if length > rule.reach * end.radius or cosine < rule.aim or length >= best * cosine:
+            continue
+        if not shore.pierced(end, place, rule.crowd):
+            best, goal = length / cosine, node
     return goal
 
 

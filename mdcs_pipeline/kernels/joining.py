@@ -13,7 +13,7 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 # Where an edge is looked at as something to aim at: not at its ends, which are nodes.
-BETWEEN = (0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875)
+_BETWEEN = (0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875)
 
 
 def joined_pieces(
@@ -66,7 +66,7 @@ def places_on(nodes: FloatArray, pairs: IntArray) -> tuple[FloatArray, IntArray]
     """Return places on a graph, (p, 3), and the node that each stands for, (p,)."""
     first, second = pairs.T
     places, stand = [nodes], [np.arange(len(nodes))]
-    for t in BETWEEN:
+    for t in _BETWEEN:
         places.append((1.0 - t) * nodes[first] + t * nodes[second])
         stand.append(first if t < 0.5 else second)
     return np.concatenate(places), np.concatenate(stand)

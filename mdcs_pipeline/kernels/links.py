@@ -176,7 +176,8 @@ def gone_on(nodes: FloatArray, edges: IntArray, links: Links, least: float) -> I
     ahead = straight_ahead(nodes, edges, links.pairs)
     degree = np.bincount(edges.ravel(), minlength=len(nodes))
     fewest = degree[links.pairs].min(axis=1)
-    onward = (ahead >= least) & (fewest == 1) & ~_among(links.pairs, edges)
+    name = [len(nodes), 1]
+    onward = (ahead >= least) & (fewest == 1) & ~np.isin(links.pairs @ name, edges @ name)
     taken, added = np.zeros(len(nodes), dtype=np.bool_), []
     for k in np.flatnonzero(onward)[np.argsort(-links.strength[onward], kind="stable")]:
         ends = [n for n in links.pairs[k] if degree[n] == 1]
@@ -184,12 +185,6 @@ def gone_on(nodes: FloatArray, edges: IntArray, links: Links, least: float) -> I
             taken[ends] = True
             added.append(links.pairs[k])
     return unique_pairs(np.concatenate([edges, *(pair[None] for pair in added)]))
-
-
-def _among(pairs: IntArray, edges: IntArray) -> NDArray[np.bool_]:
-    """Return which pairs are edges; i < j in both."""
-    base = 1 + max((int(some.max()) for some in (pairs, edges) if len(some)), default=0)
-    return np.isin(pairs @ [base, 1], edges @ [base, 1])
 
 
 def _without_small(plan: sparse.csr_array, floor: float) -> sparse.csr_array:
