@@ -16,7 +16,7 @@ from scipy.spatial.distance import cdist
 
 from mdcs_pipeline.kernels import assignment
 from mdcs_pipeline.kernels.compiled.shares import top_shares
-from mdcs_pipeline.kernels.contact import contacts, relative_contact
+from mdcs_pipeline.kernels.contact import bodies, bodies_touch, contacts, relative_contact
 from mdcs_pipeline.kernels.cycles import neighbour_sets, on_cycles, short_cycles, strip_branches
 from mdcs_pipeline.kernels.insertion import insert_points, inserted_counts
 from mdcs_pipeline.kernels.labels import LineRule, line_like, skeletal_nodes
@@ -167,14 +167,13 @@ def test_what_goes_on_from_an_end_is_ahead_of_it(unit: float) -> None:
     edges = np.array([[0, 1], [1, 2], [4, 5], [5, 6]])
     pairs = np.array([[2, 3], [1, 3], [2, 5], [1, 5], [0, 6], [2, 6], [2, 2]])
     # Node 3 has no edges and looks anywhere; 1 and 5 are inner nodes.
-    root = np.sqrt(0.5)
-    wanted = [1.0, 1.0, 0.0, -1.0, 3 / np.sqrt(13), 5**-0.5, 0.0]
-    found = straight_ahead(nodes, edges, pairs)
+    root, back = np.sqrt(0.5), -3 / np.sqrt(13)
     # From 0 the way to 6 leads back, from 6 it leads back too.
-    wanted[4] = -3 / np.sqrt(13)
+    wanted = [[1, 1], [-1, 1], [0, -1], [-1, -1], [back, back], [5**-0.5, -(5**-0.5)], [0, 0]]
+    found = straight_ahead(nodes, edges, pairs)
     np.testing.assert_allclose(found, wanted, atol=1e-12)
     aslant = straight_ahead(nodes, np.concatenate([edges, [[3, 7]]]), np.array([[2, 7]]))
-    np.testing.assert_allclose(aslant, [root], atol=1e-12)
+    np.testing.assert_allclose(aslant, [[root, -root]], atol=1e-12)
 
 
 def test_an_end_goes_straight_on_along_its_strongest_link() -> None:
@@ -739,6 +738,26 @@ def test_contacts_count_the_neighbours_across():
     ratio = [wanted[0, 1] / min(largest[[0, 1]]), wanted[2, 4] / min(largest[[2, 4]]), 0.0]
     np.testing.assert_allclose(relative_contact(found, pairs), ratio)
     assert relative_contact(found, NONE).shape == (0,)
+
+
+def test_strays_of_a_node_are_not_its_body_and_make_no_touch():
+    """A bar of nodes 0 and 1, and node 2 apart, to which the bar's last points belong."""
+    bar = np.column_stack([np.arange(10.0), np.zeros(10), np.zeros(10)])
+    apart = bar[:6] + np.array([15.0, 0, 0])
+    points = np.concatenate([bar, apart])
+    owner = np.repeat([0, 1, 2], [4, 4, 8])
+    links = np.abs(np.subtract.outer(points[:, 0], points[:, 0])) == 1.0
+    graph = sparse.csr_array(links.astype(float))
+    body = bodies(graph, owner, 0.7)
+    assert np.flatnonzero(~body).tolist() == [8, 9]
+    pairs = np.array([[0, 1], [1, 2], [0, 2], [0, 3]])
+    assert relative_contact(contacts(graph, owner, 4), pairs)[1] > 0
+    assert bodies_touch(graph, owner, body, pairs).tolist() == [True, False, False, False]
+    # A part of at least the share asked for is no stray: half of a limb may be hidden.
+    assert bodies(graph, owner, 2 / 6).all()
+    assert bodies_touch(graph, owner, bodies(graph, owner, 2 / 6), pairs)[1]
+    assert bodies(sparse.csr_array((0, 0)), np.empty(0, np.int64), 0.7).shape == (0,)
+    assert bodies_touch(graph, owner, body, NONE).shape == (0,)
 
 
 def test_false_loops_shrink_to_a_point_and_true_ones_stay():

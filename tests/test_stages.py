@@ -13,6 +13,7 @@ from scipy import sparse
 from scipy.spatial.distance import cdist
 
 from mdcs_pipeline.errors import InputError, OutputError
+from mdcs_pipeline.kernels.assignment import plan_owners
 from mdcs_pipeline.messages import (
     Header,
     MassCloud,
@@ -452,6 +453,23 @@ def test_an_end_goes_on_over_any_contact(rod: Rod) -> None:
     rules = {"rule": "co_transport", "contact": 0.3, "strength": 0.01, "joining_contact": 0.3}
     found = Link(**rules)(rod.cloud, plan, surface).rough
     assert found.edges.tolist() == [[i, i + 1] for i in range(5)]
+
+
+@pytest.mark.parametrize(("onward", "joined"), [(0.7, True), (1.0, False)])
+def test_ends_that_face_each_other_need_no_touch(rod: Rod, onward: float, joined: bool) -> None:
+    """A rod with a gap that no link of the surface leads over, and its nodes a little aslant."""
+    places = axis_places(rod.cloud, 6)
+    places[3, 1] += 0.1 * (places[3, 0] - places[2, 0])
+    plan = plan_to(rod.cloud, places)
+    left, links = plan_owners(plan.plan) < 3, rod.surface.graph.tocoo()
+    kept = left[links.row] == left[links.col]
+    graph = sparse.csr_array(
+        (links.data[kept], (links.row[kept], links.col[kept])), shape=links.shape
+    )
+    rules = {"rule": "co_transport", "contact": 0.3, "strength": 0.01, "onward": onward}
+    found = Link(**rules)(rod.cloud, plan, replace(rod.surface, graph=graph)).rough
+    pieces = [[0, 1], [1, 2], [3, 4], [4, 5]]
+    assert found.edges.tolist() == sorted(pieces + [[2, 3]] * joined)
 
 
 def around(rod: Rod, count: int = 6) -> RoughSkeleton:

@@ -136,23 +136,22 @@ def straight_ahead(nodes: FloatArray, edges: IntArray, pairs: IntArray) -> Float
 
     Returns
     -------
-    (P,) float64
-        Cosine at the better end of the pair: 1 where a node has no edges and looks anywhere,
-        −1 where both are inner nodes.
+    (P, 2) float64
+        Cosine at each node of the pair: 1 where it has no edges and looks anywhere, −1 where it
+        is no end.
     """
     degree = np.bincount(edges.ravel(), minlength=len(nodes))
     outward = np.zeros((len(nodes), 3))
     for near, far in (edges.T, edges.T[::-1]):
         end = degree[near] == 1
         outward[near[end]] = nodes[near[end]] - nodes[far[end]]
-    best = np.full(len(pairs), -1.0)
-    for near, far in (pairs.T, pairs.T[::-1]):
+    ahead = np.empty(pairs.shape)
+    for k, (near, far) in enumerate((pairs.T, pairs.T[::-1])):
         way = nodes[far] - nodes[near]
         length = np.linalg.norm(way, axis=1) * np.linalg.norm(outward[near], axis=1)
         cosine = (way * outward[near]).sum(axis=1) / np.where(length > 0, length, 1.0)
-        told = np.where(degree[near] == 1, cosine, np.where(degree[near] == 0, 1.0, -1.0))
-        best = np.maximum(best, told)
-    return best
+        ahead[:, k] = np.where(degree[near] == 1, cosine, np.where(degree[near] == 0, 1.0, -1.0))
+    return ahead
 
 
 def gone_on(nodes: FloatArray, edges: IntArray, links: Links, least: float) -> IntArray:
@@ -173,7 +172,7 @@ def gone_on(nodes: FloatArray, edges: IntArray, links: Links, least: float) -> I
     -------
     (F, 2) int64
     """
-    ahead = straight_ahead(nodes, edges, links.pairs)
+    ahead = straight_ahead(nodes, edges, links.pairs).max(axis=1)
     degree = np.bincount(edges.ravel(), minlength=len(nodes))
     fewest = degree[links.pairs].min(axis=1)
     name = [len(nodes), 1]

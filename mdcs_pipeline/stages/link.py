@@ -10,7 +10,7 @@ from scipy import sparse
 
 from mdcs_pipeline.arrays import IntArray
 from mdcs_pipeline.kernels.compiled.shares import top_shares
-from mdcs_pipeline.kernels.contact import contacts, relative_contact
+from mdcs_pipeline.kernels.contact import bodies, bodies_touch, contacts, relative_contact
 from mdcs_pipeline.kernels.links import (
     Links,
     co_transport,
@@ -46,6 +46,13 @@ class LinkSettings(Settings):
         description="Least contact of two nodes' points on the surface, relative to the smaller "
         "of their largest contacts; used where a surface is given.",
     )
+    body: float = Field(
+        0.7,
+        gt=0,
+        le=1,
+        description="Points of a connected part of a node's, relative to the largest, from which "
+        "it is no stray: strays make no loops.",
+    )
     joining: float = Field(
         0.01,
         ge=0,
@@ -70,7 +77,8 @@ class LinkSettings(Settings):
         ge=-1,
         le=1,
         description="Least cosine between an end and a strong link that goes on from it: such a "
-        "link needs no more than a touch, within a piece, too.",
+        "link needs no more than a touch, within a piece, too; and none where it joins the ends of "
+        "two pieces.",
     )
     least_share: float = Field(
         0.01, ge=0, lt=1, description="Share from which a point counts as serving a node (IV.C)."
@@ -110,28 +118,34 @@ class Link(Stage[LinkSettings]):
         wide = widened(plan.plan, cloud.mass, settings.widening)
         links = co_transport(wide, cloud.mass, 1e-3)
         top, shares = top_shares(plan.plan.indptr, plan.plan.indices, plan.plan.data, 6)
-        near = np.ones(len(links.pairs))
+        strong = links.strength > settings.strength
+        near = firm = np.ones(len(links.pairs))
         touching = None
         if surface is not None:
-            touching = contacts(surface.graph, top[:, 0], len(nodes))
+            owner = top[:, 0]
+            touching = contacts(surface.graph, owner, len(nodes))
             near = relative_contact(touching, links.pairs)
-        strong = (links.strength > settings.strength) & (near >= settings.contact)
+            body = bodies(surface.graph, owner, settings.body)
+            firm = near * bodies_touch(surface.graph, owner, body, links.pairs)
         filled = filled_triangles(top, shares, settings.least_share, settings.common_points)
-        edges = open_triangles(nodes.positions, links.pairs[strong], filled)
+        shared = strong & (firm >= settings.contact)
+        edges = open_triangles(nodes.positions, links.pairs[shared], filled)
         if nodes.fixed.any():
             # What surrounds an update is not its to judge.
             edges = unique_pairs(
                 np.concatenate([edges[~nodes.fixed[edges].all(axis=1)], _kept(nodes)])
             )
         # Little may show of a limb's root, and still it goes on into what it touches.
-        open_to = (links.strength > settings.strength) & (near > 0)
-        open_to &= ~nodes.fixed[links.pairs].any(axis=1)
+        open_to = strong & (firm > 0) & ~nodes.fixed[links.pairs].any(axis=1)
         onward = Links(links.pairs[open_to], links.strength[open_to])
         edges = gone_on(nodes.positions, edges, onward, settings.onward)
         # Strands side by side share mass, and stray points of theirs are neighbours.
         ahead = straight_ahead(nodes.positions, edges, links.pairs)
-        firm = (near >= settings.joining_contact) | (ahead >= settings.joining_ahead)
-        touch = (near > 0) & firm
+        aimed = ahead.max(axis=1) >= settings.joining_ahead
+        touch = (near > 0) & ((near >= settings.joining_contact) | aimed)
+        # Sampling in rings may leave a limb in pieces that share mass and face each other.
+        facing = np.isin(links.pairs, edges).all(axis=1) & (ahead.min(axis=1) >= settings.onward)
+        touch |= strong & facing
         joining = Links(links.pairs[touch], links.strength[touch])
         if touching is not None:
             joining = self._with_contacts(joining, touching)
