@@ -26,9 +26,10 @@ PASSED: dict[str, dict[str, str]] = {
         "ridge.thickness": "medial.thickness",
         "ridge.surface": "medial.surface",
     },
+    "untie": {"untie.rough": "link.rough"},
     "bridge": {"bridge.rough": "check.accepted"},
     "prune": {"prune.rough": "bridge.rough"},
-    "check": {"check.accepted": "link.rough"},
+    "check": {"check.accepted": "untie.rough"},
 }
 #: What has nothing to go on once another stage is gone, and goes with it.
 WITH = {"medial": ("ridge",)}

@@ -79,8 +79,10 @@ def blurred_tubes(
     return sparse.csr_array((density[near], (j[near], i[near])), shape=shape)
 
 
-def explained_mass(density: sparse.csr_array, mass: FloatArray, turns: int) -> FloatArray:
-    """Return π, the mass that each piece explains, from equal masses on.
+def explained_mass(
+    density: sparse.csr_array, mass: FloatArray, turns: int, held: FloatArray | None = None
+) -> FloatArray:
+    """Return π, the mass that each piece explains.
 
     Parameters
     ----------
@@ -88,13 +90,16 @@ def explained_mass(density: sparse.csr_array, mass: FloatArray, turns: int) -> F
     mass : (n,) float64
         Of the points; what no piece is near to goes nowhere.
     turns : int
+    held : (m,) float64, optional
+        Masses to start from; equal ones without. A piece of none stays at none.
 
     Returns
     -------
     (m,) float64
     """
     back = sparse.csr_array(density.T)
-    held = np.full(density.shape[1], mass.sum() / max(density.shape[1], 1))
+    if held is None:
+        held = np.full(density.shape[1], mass.sum() / max(density.shape[1], 1))
     for _ in range(turns):
         whole = density @ held
         part = np.divide(mass, whole, out=np.zeros_like(whole), where=whole > 0)
