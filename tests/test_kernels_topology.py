@@ -16,8 +16,9 @@ from scipy.spatial.distance import cdist
 
 from mdcs_pipeline.kernels import assignment
 from mdcs_pipeline.kernels.compiled.shares import top_shares
-from mdcs_pipeline.kernels.contact import bodies, bodies_touch, contacts, relative_contact
+from mdcs_pipeline.kernels.contact import bodies_touch, contacts, relative_contact
 from mdcs_pipeline.kernels.cycles import neighbour_sets, on_cycles, short_cycles, strip_branches
+from mdcs_pipeline.kernels.fallen import bodies
 from mdcs_pipeline.kernels.insertion import insert_points, inserted_counts
 from mdcs_pipeline.kernels.labels import LineRule, line_like, skeletal_nodes
 from mdcs_pipeline.kernels.links import (

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
-from scipy.sparse.csgraph import connected_components
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -68,38 +67,6 @@ def relative_contact(touching: sparse.csr_array, pairs: IntArray) -> FloatArray:
     return np.asarray(shared / np.where(smaller > 0, smaller, 1.0), dtype=np.float64)
 
 
-def bodies(graph: sparse.csr_array, owner: IntArray, least: float) -> BoolArray:
-    """Return which points belong to the body of their node, not to its strays.
-
-    The plan carries mass through the air: the tip of a limb may give most of its mass to a node
-    of the next. Such points hang together on the surface, but not with the node's others.
-
-    Parameters
-    ----------
-    graph : csr_array, (n, n)
-        Symmetric neighbour graph of the points.
-    owner : (n,) int64
-        Node of each point.
-    least : float
-        Points of a connected part, relative to the node's largest, from which it is no stray:
-        of half-seen limbs the two walls may be apart.
-
-    Returns
-    -------
-    (n,) bool
-    """
-    rows = np.repeat(np.arange(len(owner)), np.diff(graph.indptr))
-    within = owner[rows] == owner[graph.indices]
-    links = np.ones(int(np.count_nonzero(within)), np.int8)
-    inner = sparse.csr_array((links, (rows[within], graph.indices[within])), shape=graph.shape)
-    count, part = connected_components(inner, directed=False)
-    size, whose = np.bincount(part), np.zeros(count, np.int64)
-    whose[part] = owner
-    largest = np.zeros(int(owner.max(initial=0)) + 1, np.int64)
-    np.maximum.at(largest, whose, size)
-    return np.asarray((size >= least * largest[whose])[part], dtype=np.bool_)
-
-
 def bodies_touch(
     graph: sparse.csr_array, owner: IntArray, body: BoolArray, pairs: IntArray
 ) -> BoolArray:
@@ -110,7 +77,7 @@ def bodies_touch(
     graph : csr_array, (n, n)
     owner : (n,) int64
     body : (n,) bool
-        From `bodies`.
+        Which points are their node's body, from `fallen.bodies`.
     pairs : (E, 2) int64
 
     Returns

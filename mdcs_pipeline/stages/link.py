@@ -10,7 +10,8 @@ from scipy import sparse
 
 from mdcs_pipeline.arrays import IntArray
 from mdcs_pipeline.kernels.compiled.shares import top_shares
-from mdcs_pipeline.kernels.contact import bodies, bodies_touch, contacts, relative_contact
+from mdcs_pipeline.kernels.contact import bodies_touch, contacts, relative_contact
+from mdcs_pipeline.kernels.fallen import bodies
 from mdcs_pipeline.kernels.links import (
     Links,
     co_transport,
