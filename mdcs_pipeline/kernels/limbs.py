@@ -24,10 +24,12 @@ from scipy import sparse
 from scipy.spatial import cKDTree
 from scipy.special import i0e
 
-__all__ = ["Pieces", "blurred_tubes", "explained_mass"]
+__all__ = ["BLUR", "Pieces", "blurred_tubes", "explained_mass"]
 
 FloatArray = NDArray[np.float64]
 
+#: Noise that pieces are taken to have, in their radius, where a cloud is noisy.
+BLUR = 0.42
 # Standard deviations beyond which a piece explains nothing.
 _FARTHEST = 2.5
 

@@ -25,7 +25,7 @@ from scipy.spatial import cKDTree
 from mdcs_pipeline.kernels.compiled.grid import Grid, grid_of, standing_for
 from mdcs_pipeline.kernels.compiled.ridge import climbed, closing_scales
 from mdcs_pipeline.kernels.compiled.spreading import spread_minimum
-from mdcs_pipeline.kernels.limbs import Pieces, blurred_tubes, explained_mass
+from mdcs_pipeline.kernels.limbs import BLUR, Pieces, blurred_tubes, explained_mass
 from mdcs_pipeline.kernels.thinning import merged
 from mdcs_pipeline.kernels.workers import shared_out
 
@@ -46,8 +46,8 @@ _LEAST = 3
 _ABOUT = 1.0
 # Places that show whether a cloud is noisy, and points about each at most.
 _PROBES, _SHOWN = 40, 12
-# What limbs explain: distance of pieces, their noise and length in radii, and turns of transport.
-_APART, _BLUR, _PIECE, _TURNS = 0.2, 0.42, 0.8, 30
+# What limbs explain: distance and length of pieces in radii, and turns of transport.
+_APART, _PIECE, _TURNS = 0.2, 0.8, 30
 # How often places climb on that, and the bandwidth, in the one before.
 _ROUNDS, _SHARPER = 2, 0.7
 
@@ -240,7 +240,7 @@ def _sharpened(
     for _ in range(_ROUNDS):
         chosen, _ = standing_for(places, _APART / _WINDOW * reach)
         pieces = Pieces(places[chosen], axes[chosen], reach[chosen] / _WINDOW)
-        held = explained_mass(blurred_tubes(few.points, pieces, _BLUR, _PIECE), few.mass, _TURNS)
+        held = explained_mass(blurred_tubes(few.points, pieces, BLUR, _PIECE), few.mass, _TURNS)
         grid = grid_of(pieces.places, float(np.median(reach)))
         sharp = few._replace(pulling=grid, pull=held[grid.order])
         places, ways = _climbed(sharp, places, _SHARPER * reach)

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mdcs_pipeline.kernels.limbs import Pieces, blurred_tubes, explained_mass
+from mdcs_pipeline.kernels.limbs import BLUR, Pieces, blurred_tubes, explained_mass
 from mdcs_pipeline.kernels.spanning import piece_labels
 
 __all__ = ["TieRule", "untied"]
@@ -25,8 +25,8 @@ __all__ = ["TieRule", "untied"]
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-# Longest piece of an edge, and its standard deviation along it, in radii; the noise as in ridges.
-_PIECE, _BLUR = 0.4, 0.42
+# Longest piece of an edge, and its standard deviation along it, in radii.
+_PIECE = 0.4
 # Turns of transport, and those after a tie is gone: its mass moves to its neighbours.
 _TURNS, _AGAIN = 60, 20
 
@@ -78,7 +78,7 @@ def untied(
         return edges
     length = np.linalg.norm(nodes[edges[:, 0]] - nodes[edges[:, 1]], axis=1)
     pieces, edge_of = _along(nodes, radius, edges, length)
-    density = blurred_tubes(points, pieces, _BLUR, _PIECE)
+    density = blurred_tubes(points, pieces, BLUR, _PIECE)
     size = np.maximum(length, np.finfo(float).tiny) * radius[edges].mean(axis=1)
     # Ends' tubes overlap in what is shorter: it stands for one limb that branches.
     apart = length >= radius[edges].sum(axis=1)
