@@ -64,11 +64,12 @@ class Untie(Stage[UntieSettings]):
         The surface tells the noise: `ridge` puts it as far from the axis as its limb is thick.
         """
         nodes, settings = rough.nodes, self.settings
-        if not len(rough.edges) or surface.positions is cloud.positions:
+        moved = np.linalg.norm(surface.positions - cloud.positions, axis=1)
+        # What surrounds an update is not its to judge.
+        if not moved.any() or nodes.fixed.any():
             return Untied(rough)
-        radius = nodes.scale[plan_owners(rough.plan.plan)]
-        moved = np.linalg.norm(surface.positions - cloud.positions, axis=1) / radius
-        if nodes.fixed.any() or np.sqrt(np.mean(moved**2)) < settings.noise:
+        noise = moved / nodes.scale[plan_owners(rough.plan.plan)]
+        if np.sqrt(np.mean(noise**2)) < settings.noise:
             return Untied(rough)
         rule = TieRule(settings.loop, settings.between, settings.through)
         edges = untied(cloud.positions, cloud.mass, nodes.positions, nodes.scale, rough.edges, rule)
