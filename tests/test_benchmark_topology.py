@@ -445,3 +445,13 @@ def test_settings_stand_in_the_order_of_what_they_cost() -> None:
 def test_a_setting_is_judged_case_by_case() -> None:
     case = Case("shapes", "y", "clean", 0)
     assert sensitivity.right([{}, {"downsample.voxel": 0.3}], case) == [True, False]
+
+
+def test_some_settings_alone_are_no_table_for_the_readme(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with pytest.raises(SystemExit):
+        sensitivity.main(["--only", "untie", "--readme"])
+    assert "--only" in capsys.readouterr().err
+    _, rows = sensitivity.measure([Case("shapes", "y", "clean", 0)], 1, "^untie.loop")
+    assert [(row.setting, row.less, row.more) for row in rows] == [("untie.loop", 1, 1)]

@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import re
 import sys
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
@@ -101,9 +102,9 @@ def right(changes: list[Change], case: Case) -> list[bool]:
     return told
 
 
-def measure(cases: list[Case], jobs: int) -> tuple[int, list[Row]]:
-    """Return how many cases are right as shipped, and the row of each setting."""
-    values = numbers()
+def measure(cases: list[Case], jobs: int, only: str = "") -> tuple[int, list[Row]]:
+    """Return how many cases are right as shipped, and the row of each setting that matches."""
+    values = {name: value for name, value in numbers().items() if re.search(only, name)}
     sides = [({name: moved(v, -SHARE)}, {name: moved(v, SHARE)}) for name, v in values.items()]
     changes = [change for pair in sides for change in pair if allowed(change)]
     with ProcessPoolExecutor(jobs) as pool:
@@ -150,8 +151,11 @@ def main(argv: list[str] | None = None) -> int:
     made.add_argument("--seeds", type=int, default=1)
     made.add_argument("--jobs", type=int, default=2)
     made.add_argument("--out", type=Path, default=RESULTS)
+    made.add_argument("--only", default="", help="regular expression for ``stage.setting``")
     made.add_argument("--readme", action="store_true")
     args = made.parse_args(argv)
+    if args.only and args.readme:
+        made.error("README's table is of all settings: leave out --only or --readme")
     for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
         os.environ.setdefault(variable, "1")
     cases = [
@@ -160,7 +164,7 @@ def main(argv: list[str] | None = None) -> int:
         for damage in DAMAGES
         for seed in range(args.seeds)
     ]
-    base, rows = measure(cases, args.jobs)
+    base, rows = measure(cases, args.jobs, args.only)
     held = {"cases": len(cases), "right": base, "rows": [asdict(row) for row in rows]}
     write_whole(args.out, json.dumps(held, indent=0))
     text = table(len(cases), base, rows)
