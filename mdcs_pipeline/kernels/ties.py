@@ -41,7 +41,7 @@ class TieRule(NamedTuple):
     between : float
         The same for the only edge between two pieces, which are apart without it.
     through : float
-        Least cosine between the two ways of the limb that goes on at either end of a tie.
+        Least cosine between the two ways of the limb that goes on at each end of a tie.
     """
 
     loop: float = 0.4

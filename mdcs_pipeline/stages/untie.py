@@ -42,8 +42,8 @@ class UntieSettings(Settings):
         _RULE.through,
         ge=-1,
         le=1,
-        description="Least cosine between the two ways of the limb that goes on at either end of "
-        "a tie.",
+        description="Least cosine between the two ways of the limb that goes on at each end of a "
+        "tie.",
     )
 
 
