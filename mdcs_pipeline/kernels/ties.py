@@ -124,7 +124,8 @@ def _weakest(
             continue
         piece = piece_labels(count, rest)
         looped = piece[edges[k, 0]] == piece[edges[k, 1]]
-        if share[k] < rule.loop if looped else share[k] < rule.between and apart[k]:
+        least = rule.loop if looped else rule.between
+        if share[k] < least and (looped or apart[k]):
             return int(k)
     return None
 
