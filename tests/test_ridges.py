@@ -11,6 +11,7 @@ from scipy import sparse
 import mdcs_pipeline as mdcs
 from mdcs_pipeline.errors import InputError
 from mdcs_pipeline.kernels import ridges as kernel
+from mdcs_pipeline.kernels import saddles
 from mdcs_pipeline.kernels.ridges import RidgeRule, Ridges, levelled, ridges, surface_noise
 from mdcs_pipeline.kernels.surface import surface_graph
 from mdcs_pipeline.messages import MassCloud, PointCloud, Surface, Thickness
@@ -71,6 +72,15 @@ def test_a_tube_has_its_axis_and_its_radius_whatever_the_noise_and_the_first_gue
     assert np.median(np.abs(ridge.axes[some, 0])) > 0.9
 
 
+def test_a_tube_of_few_points_has_its_scale_all_the_same() -> None:
+    """Their covariance is too thin by chance, the more so the smaller the window is."""
+    scales = []
+    for count in (3000, 300, 120):
+        ridge = found(tube(0.4, count=count), 1.2 * R)
+        scales.append(float(np.median(ridge.radius)))
+    np.testing.assert_allclose(scales, R, rtol=0.2)
+
+
 def test_places_stay_where_points_are_along_the_axis() -> None:
     points = tube(0.4)
     some = inner(points)
@@ -109,6 +119,20 @@ def test_what_limbs_explain_takes_places_off_the_saddle_between_them(
     now = between()
     monkeypatch.setattr(kernel, "_ROUNDS", 0)
     assert now < 0.4 * between()
+
+
+def test_points_on_a_saddle_go_to_the_limb_that_explains_them(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    points = np.concatenate([tube(0.3, 0), tube(0.3, 1, y=2.8 * R)])
+
+    def between() -> int:
+        places = found(points).places[inner(points)]
+        return int(np.count_nonzero(np.abs(places[:, 1] - 1.4 * R) < 0.7 * R))
+
+    now = between()
+    monkeypatch.setattr(saddles, "_HOLLOW", 0.0)
+    assert now < 0.7 * between()
 
 
 def test_levelled_points_are_as_far_from_the_axis_as_the_limb_is_thick() -> None:

@@ -8,9 +8,10 @@ places climb again, on the density of the mass that pieces of limbs explain, whi
 
 How wide h must be shows in the ridge itself. The smallest eigenvalue λ of the weighted covariance
 there, over h², is small as long as h is larger than the limb is thick, and rises to that of a
-window that is filled evenly as h falls. It passes 0.68 at h = 0.84 r, with noise of up to half the
-radius as without, and beside other limbs as alone: of two that lie side by side, the ridge between
-them is no thicker than either.
+window that is filled evenly as h falls. It passes a certain value at a certain part of r, with
+noise of up to half the radius as without, and beside other limbs as alone: of two that lie side by
+side, the ridge between them is no thicker than either. Few points show it too thin, and ever fewer
+are in the window as h falls, so that a thin limb would never close; λ is what many would show.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from mdcs_pipeline.kernels.compiled.grid import Grid, grid_of, standing_for
 from mdcs_pipeline.kernels.compiled.ridge import climbed, closing_scales
 from mdcs_pipeline.kernels.compiled.spreading import spread_minimum
 from mdcs_pipeline.kernels.limbs import BLUR, Pieces, blurred_tubes, explained_mass
+from mdcs_pipeline.kernels.saddles import off_saddles
 from mdcs_pipeline.kernels.thinning import merged
 from mdcs_pipeline.kernels.workers import shared_out
 
@@ -37,7 +39,7 @@ IntArray = NDArray[np.int64]
 # Bandwidths that are looked at, falling, in the first estimate of the radius.
 _FACTORS = 1.75 * 1.2 ** -np.arange(9.0)
 # The bandwidth that closes, in radii: from tubes with and without noise.
-_WINDOW = 0.85
+_WINDOW = 0.82
 # Distance within which points pull as one, in radii.
 _THINNED = 0.25
 # Fewer places whose window closed than this show nothing.
@@ -58,7 +60,8 @@ class RidgeRule(NamedTuple):
     Parameters
     ----------
     closed : float
-        Smallest eigenvalue over h² at which a window is as wide as its limb.
+        Smallest eigenvalue over h², as many points would show it, at which a window is as wide as
+        its limb.
     coarse : float
         Points this near to another, in local radii, have its ridge.
     starts : float
@@ -69,7 +72,7 @@ class RidgeRule(NamedTuple):
         The bandwidth grows at most by this for every unit of distance along the surface.
     """
 
-    closed: float = 0.68
+    closed: float = 0.77
     coarse: float = 0.15
     starts: float = 0.5
     near: int = 15
@@ -235,14 +238,20 @@ def _sharpened(
     """Return places and axes that have climbed again, now the density of what limbs explain.
 
     Between two limbs some points climb onto the saddle. As a piece of limb it explains little that
-    its neighbours do not, so that it loses its pull.
+    its neighbours do not, so that it loses its pull; and its points leave it for those neighbours.
     """
     for _ in range(_ROUNDS):
         chosen, _ = standing_for(places, _APART / _WINDOW * reach)
         pieces = Pieces(places[chosen], axes[chosen], reach[chosen] / _WINDOW)
-        held = explained_mass(blurred_tubes(few.points, pieces, BLUR, _PIECE), few.mass, _TURNS)
+        density = blurred_tubes(few.points, pieces, BLUR, _PIECE)
+        held = explained_mass(density, few.mass, _TURNS)
         grid = grid_of(pieces.places, float(np.median(reach)))
         sharp = few._replace(pulling=grid, pull=held[grid.order])
         places, ways = _climbed(sharp, places, _SHARPER * reach)
         axes = np.where(ways.any(axis=1, keepdims=True), ways, axes)
+        explained = sparse.csr_array(density.multiply(held[None]))
+        crowd = grid, sharp.pull
+        places, axes = off_saddles(
+            few.points, places, axes, reach / _WINDOW, pieces, explained, crowd
+        )
     return places, axes

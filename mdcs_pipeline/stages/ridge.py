@@ -40,9 +40,9 @@ class RidgeSettings(Settings):
     closed: float = Field(
         _RULE.closed,
         gt=0,
-        lt=0.8,
-        description="Smallest variance of points as a window weighs them, in its own, at which "
-        "the window is as wide as its limb.",
+        lt=1,
+        description="Smallest variance of points as a window weighs them, in its own and as many "
+        "points would have it, at which the window is as wide as its limb.",
     )
     coarse: float = Field(
         _RULE.coarse,
