@@ -12,6 +12,8 @@ import mdcs_pipeline as mdcs
 from mdcs_pipeline.errors import InputError
 from mdcs_pipeline.kernels import ridges as kernel
 from mdcs_pipeline.kernels import saddles
+from mdcs_pipeline.kernels.compiled.grid import grid_of
+from mdcs_pipeline.kernels.compiled.ridge import climbed
 from mdcs_pipeline.kernels.ridges import RidgeRule, Ridges, levelled, ridges, surface_noise
 from mdcs_pipeline.kernels.surface import surface_graph
 from mdcs_pipeline.messages import MassCloud, PointCloud, Surface, Thickness
@@ -79,6 +81,16 @@ def test_a_tube_of_few_points_has_its_scale_all_the_same() -> None:
         ridge = found(tube(0.4, count=count), 1.2 * R)
         scales.append(float(np.median(ridge.radius)))
     np.testing.assert_allclose(scales, R, rtol=0.2)
+
+
+def test_masses_whose_squares_are_nothing_pull_as_others_do() -> None:
+    points = tube(0.3, count=300)
+    grid, every = grid_of(points, R), np.arange(300)
+    faint, firm = (
+        climbed(grid, np.full(300, mass), points.copy(), np.full(300, R), every)
+        for mass in (1e-200, 1.0)
+    )
+    np.testing.assert_allclose(faint[0], firm[0], atol=1e-9)
 
 
 def test_places_stay_where_points_are_along_the_axis() -> None:

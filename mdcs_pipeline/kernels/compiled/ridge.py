@@ -86,7 +86,8 @@ def _climb(
         total, squares = _weighed(grid, mass, place, reach, found, mean, moments)
         if total <= 0.0:
             break
-        count = total * total / squares
+        # Masses of pieces fall by powers in transport: of what is left the squares may be nothing.
+        count = total * total / squares if squares > 0.0 else 1.0
         principal(moments, values, vectors)
         along = mean[0] * vectors[0, 2] + mean[1] * vectors[1, 2] + mean[2] * vectors[2, 2]
         squared = 0.0
