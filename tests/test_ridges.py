@@ -118,33 +118,27 @@ def test_limbs_side_by_side_keep_their_axes_and_their_radius() -> None:
     np.testing.assert_allclose(np.median(ridge.radius[some]), R, rtol=0.1)
 
 
+def on_saddle() -> float:
+    """Return the share of places between two limbs; the gap is 0.8 radii wide, noise 0.3 a side."""
+    points = np.concatenate([tube(0.3, 0), tube(0.3, 1, y=2.8 * R)])
+    places = found(points).places[inner(points)]
+    return float(np.mean(np.abs(places[:, 1] - 1.4 * R) < 0.7 * R))
+
+
 def test_what_limbs_explain_takes_places_off_the_saddle_between_them(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """The gap is 0.8 radii wide, the noise 0.3 at either side."""
-    points = np.concatenate([tube(0.3, 0), tube(0.3, 1, y=2.8 * R)])
-
-    def between() -> float:
-        places = found(points).places[inner(points)]
-        return float(np.mean(np.abs(places[:, 1] - 1.4 * R) < 0.7 * R))
-
-    now = between()
+    now = on_saddle()
     monkeypatch.setattr(kernel, "_ROUNDS", 0)
-    assert now < 0.4 * between()
+    assert now < 0.4 * on_saddle()
 
 
 def test_points_on_a_saddle_go_to_the_limb_that_explains_them(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    points = np.concatenate([tube(0.3, 0), tube(0.3, 1, y=2.8 * R)])
-
-    def between() -> int:
-        places = found(points).places[inner(points)]
-        return int(np.count_nonzero(np.abs(places[:, 1] - 1.4 * R) < 0.7 * R))
-
-    now = between()
+    now = on_saddle()
     monkeypatch.setattr(saddles, "_HOLLOW", 0.0)
-    assert now < 0.7 * between()
+    assert now < 0.7 * on_saddle()
 
 
 def test_levelled_points_are_as_far_from_the_axis_as_the_limb_is_thick() -> None:
