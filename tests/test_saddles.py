@@ -65,7 +65,7 @@ def test_a_place_between_two_limbs_goes_to_that_of_its_point() -> None:
 
 
 def test_a_place_on_a_rung_stays() -> None:
-    """The density rises along it both ways, too; but it holds as much as the rails do."""
+    """Its axis leads from limb to limb, too; but it holds as much as they do."""
     place, axis = moved(POINT, MIDDLE, UP, rails(rung=True))
     np.testing.assert_array_equal(place, MIDDLE)
     np.testing.assert_array_equal(axis, UP)
