@@ -29,6 +29,7 @@ PASSED: dict[str, dict[str, str]] = {
     "untie": {"untie.rough": "link.rough"},
     "bridge": {"bridge.rough": "check.accepted"},
     "prune": {"prune.rough": "bridge.rough"},
+    "junction": {"junction.rough": "prune.rough"},
     "check": {"check.accepted": "untie.rough"},
 }
 #: What has nothing to go on once another stage is gone, and goes with it.
