@@ -256,6 +256,18 @@ def test_flat_ends_close_no_loop_by_aiming_but_join_pieces():
         assert bridges(pairs, ends, shore, rule).tolist() == wanted
 
 
+def test_a_wall_that_only_the_wider_of_two_ends_meets_parts_them():
+    ends = [end(0, [0, 0, 0], [1, 0, 0]), end(1, [0.5, 0, 0], [-1, 0, 0], radius=0.2)]
+    nodes, pairs = np.array([[0.0, 0, 0], [0.5, 0, 0], [0.25, 2, 0]]), np.array([[0, 2], [1, 2]])
+    turn = np.linspace(0, 2 * np.pi, 20)
+    # A hole in a wall, wide enough for the thin end.
+    wall = np.stack([np.full(20, 0.25), 0.08 * np.cos(turn), 0.08 * np.sin(turn)], axis=1)
+    scale, rule = np.array([0.15, 0.3, 0.1]), BridgeRule(girth=0.9)
+    for points, wanted in ((wall, []), (wall + np.array([0, 0.5, 0]), [[0, 1]])):
+        shore = Shore.around(nodes, scale, points, np.zeros(20, np.int64))
+        assert bridges(pairs, ends, shore, rule).tolist() == wanted
+
+
 def test_a_ring_is_closed_along_its_circle_though_its_ends_look_away():
     # A gap of 200 degrees: the tangents of its ends stand 100 degrees off their chord.
     turn = np.deg2rad(80.0)

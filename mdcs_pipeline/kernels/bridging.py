@@ -200,9 +200,13 @@ def _ahead(
         straight = float(end.outward @ (place - end.place)) / length[k]
         flat = end.node not in rimmed or (node in ends and node not in rimmed)
         within = not flat and (faces or straight >= rule.aim_within)
-        if (within or piece[node] != piece[end.node]) and not shore.pierced(
-            end, place, rule.crowd_aim
-        ):
+        if not (within or piece[node] != piece[end.node]):
+            continue
+        # What is open, too, sees as much of the way as the end does.
+        wall = shore.pierced(end, place, rule.crowd_aim) or (
+            k in ends and shore.pierced(ends[k], end.place, rule.crowd_aim)
+        )
+        if not wall:
             best, goal = length[k] / cosine, node
     return goal
 
