@@ -100,7 +100,7 @@ def _branching(near: list[set[int]], count: int) -> list[int]:
 def _meets(node: int, triangles: IntArray, firm: BoolArray) -> IntArray:
     """Return the pairs of nodes that touch and meet `node`."""
     mine = triangles[((triangles == node) & firm).any(axis=1)]
-    return mine[mine != node].reshape(-1, 2)
+    return np.asarray(mine[mine != node].reshape(-1, 2), dtype=np.int64)
 
 
 def _groups(

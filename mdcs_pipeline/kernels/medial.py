@@ -17,9 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from mdcs_pipeline.kernels.balls import Medial, MedialRule, Remembered, limb_balls
+from mdcs_pipeline.kernels.balls import limb_balls
 from mdcs_pipeline.kernels.compiled.grid import standing_for
 from mdcs_pipeline.kernels.compiled.linking import within_limbs
+from mdcs_pipeline.kernels.places import Medial, MedialRule, Remembered
 
 __all__ = ["Medial", "MedialRule", "Remembered", "medial_places", "without_gaps"]
 

@@ -67,3 +67,10 @@ def shared_out(
     with ThreadPoolExecutor(count) as pool:
         parts = list(pool.map(work, np.array_split(which, count)))
     return tuple(np.concatenate(held) for held in zip(*parts, strict=True))
+
+
+def per_point(
+    which: NDArray[np.int64], kernel: Callable[..., NDArray[Any]], *given: Any
+) -> NDArray[Any]:
+    """Return the array that `kernel(*given, some)` gives for points, shared out to threads."""
+    return shared_out(lambda some: (kernel(*given, some),), which)[0]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 from scipy import sparse
 
-from mdcs_pipeline.kernels.assignment import top_shares
+from mdcs_pipeline.kernels.compiled.shares import top_shares
 from mdcs_pipeline.kernels.contact import contacts, relative_contact
 from mdcs_pipeline.kernels.junctions import Parted, meeting_places, parted
 from mdcs_pipeline.kernels.nerve import filled_triangles
