@@ -123,7 +123,7 @@ def _groups(
 
 
 def meeting_places(
-    plan: sparse.csr_array, mass: FloatArray, places: FloatArray, parted: Parted
+    plan: sparse.csr_array, mass: FloatArray, places: FloatArray, joints: Parted
 ) -> FloatArray:
     """Return where each new node is: the centre of Σ π_j π_k / ϱ over the nodes k of its group.
 
@@ -134,15 +134,15 @@ def meeting_places(
         ϱ, of the points.
     places : (n, 3) float64
         Where each point's mass is carried from.
-    parted : Parted
+    joints : Parted
 
     Returns
     -------
     (k, 3) float64
     """
     columns = sparse.csc_array(plan)
-    found = np.empty((len(parted.beside), 3))
-    for k, (node, others) in enumerate(zip(parted.beside.tolist(), parted.meeting, strict=True)):
+    found = np.empty((len(joints.beside), 3))
+    for k, (node, others) in enumerate(zip(joints.beside.tolist(), joints.meeting, strict=True)):
         mine = columns[:, [node]].toarray()[:, 0]
         theirs = np.asarray(columns[:, others].sum(axis=1)).ravel()
         shared = mine * theirs / mass

@@ -12,6 +12,9 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
+#: Share from which a point serves a node, and common points that fill a triangle.
+LEAST_SHARE, COMMON_POINTS = 0.01, 1
+
 
 def filled_triangles(top: IntArray, shares: FloatArray, floor: float, points: int) -> IntArray:
     """Return the node triples that share at least `points` points.

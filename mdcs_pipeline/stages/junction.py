@@ -13,7 +13,7 @@ from scipy import sparse
 from mdcs_pipeline.kernels.compiled.shares import top_shares
 from mdcs_pipeline.kernels.contact import contacts, relative_contact
 from mdcs_pipeline.kernels.junctions import Parted, meeting_places, parted
-from mdcs_pipeline.kernels.nerve import filled_triangles
+from mdcs_pipeline.kernels.nerve import COMMON_POINTS, LEAST_SHARE, filled_triangles
 from mdcs_pipeline.messages import MassCloud, RoughSkeleton, Surface, Thickness
 from mdcs_pipeline.stage import Settings, Stage
 
@@ -29,10 +29,13 @@ class JunctionSettings(Settings):
         "of their largest contacts, from which they leave a third together.",
     )
     least_share: float = Field(
-        0.01, ge=0, lt=1, description="Share from which a point counts as serving a node (IV.C)."
+        LEAST_SHARE,
+        ge=0,
+        lt=1,
+        description="Share from which a point counts as serving a node (IV.C).",
     )
     common_points: int = Field(
-        1, ge=1, description="Common points of three nodes from which they meet."
+        COMMON_POINTS, ge=1, description="Common points of three nodes from which they meet."
     )
 
 
@@ -90,7 +93,7 @@ def _with(rough: RoughSkeleton, found: Parted, places: NDArray[np.float64]) -> R
         beyond=np.concatenate([nodes.beyond, np.full(new, -1)]),
     )
     plan = rough.plan.plan
-    empty = sparse.csr_array((plan.data, plan.indices, plan.indptr), (plan.shape[0], len(more)))
-    served = replace(rough.plan, nodes=more, plan=empty)
+    wider = sparse.csr_array((plan.data, plan.indices, plan.indptr), (plan.shape[0], len(more)))
+    served = replace(rough.plan, nodes=more, plan=wider)
     skeletal = np.concatenate([rough.skeletal, np.ones(new, dtype=np.bool_)])
     return RoughSkeleton(served, found.edges, skeletal)

@@ -20,7 +20,7 @@ from mdcs_pipeline.kernels.links import (
     unique_pairs,
     widened,
 )
-from mdcs_pipeline.kernels.nerve import filled_triangles, open_triangles
+from mdcs_pipeline.kernels.nerve import COMMON_POINTS, LEAST_SHARE, filled_triangles, open_triangles
 from mdcs_pipeline.kernels.spanning import spanning_links
 from mdcs_pipeline.messages import MassCloud, Nodes, RoughSkeleton, Surface, TransportPlan
 from mdcs_pipeline.stage import Settings, Stage
@@ -82,10 +82,13 @@ class LinkSettings(Settings):
         "two pieces.",
     )
     least_share: float = Field(
-        0.01, ge=0, lt=1, description="Share from which a point counts as serving a node (IV.C)."
+        LEAST_SHARE,
+        ge=0,
+        lt=1,
+        description="Share from which a point counts as serving a node (IV.C).",
     )
     common_points: int = Field(
-        1, ge=1, description="Common points of three nodes that fill their triangle."
+        COMMON_POINTS, ge=1, description="Common points of three nodes that fill their triangle."
     )
 
 
