@@ -202,10 +202,10 @@ def _ahead(
         within = not flat and (faces or straight >= rule.aim_within)
         if not (within or piece[node] != piece[end.node]):
             continue
-        # What is open, too, sees as much of the way as the end does.
-        wall = shore.pierced(end, place, rule.crowd_aim) or (
-            k in ends and shore.pierced(ends[k], end.place, rule.crowd_aim)
-        )
+        if k in ends:
+            wall = shore.pierced_between(end, ends[k], rule.crowd_aim)
+        else:
+            wall = shore.pierced(end, place, rule.crowd_aim)
         if not wall:
             best, goal = length[k] / cosine, node
     return goal

@@ -46,7 +46,7 @@ class Shore(NamedTuple):
 
     def walled(self, a: End, b: End, crowd: float) -> bool:
         """Return whether the straight and the bent way between two ends both pierce the surface."""
-        if not (self.pierced(a, b.place, crowd) or self.pierced(b, a.place, crowd)):
+        if not self.pierced_between(a, b, crowd):
             return False
         way = smooth_way(a.place, a.course.tangent, b.place, b.course.tangent)
         # What is farther than any end counts is not looked at: the scene may be large.
@@ -54,6 +54,10 @@ class Shore(NamedTuple):
         distance, nearest = (np.asarray(found) for found in cKDTree(way).query(around))
         between = (nearest > 0) & (nearest < len(way) - 1)
         return any(self._crowded(distance[between], end, crowd) for end in (a, b))
+
+    def pierced_between(self, a: End, b: End, crowd: float) -> bool:
+        """Return whether the straight way leads through the surface, seen from either end."""
+        return self.pierced(a, b.place, crowd) or self.pierced(b, a.place, crowd)
 
     def within(self, places: FloatArray, reach: float) -> FloatArray:
         """Return the points within reach of any of some places, (k, 3)."""
