@@ -10,6 +10,7 @@ import shapes
 from scipy import sparse
 
 from mdcs_pipeline.errors import InputError
+from mdcs_pipeline.kernels.bends import steps_in_radii, without
 from mdcs_pipeline.kernels.compiled.cheapest import cheapest_site
 from mdcs_pipeline.kernels.fallen import fallen_apart
 from mdcs_pipeline.kernels.merging import close_pairs
@@ -53,7 +54,8 @@ def test_fixed_nodes_stay_to_the_bit_and_the_others_move(free: bool) -> None:
     problem = Problem(points, ones / len(ones), nodes, np.full(7, 1 / 7), 0.02, ones, np.ones(7))
     edges = np.stack([np.arange(6), np.arange(1, 7)], axis=1)
     descent = Descent(2, 1.0, 5, 0.0, free, 0.0 if free else 0.3)
-    found = optimise(problem, np.zeros(7), Accuracy(), descent, edges, fixed)
+    bends = without(steps_in_radii(edges, problem.node_scale), fixed)
+    found = optimise(problem, np.zeros(7), Accuracy(), descent, bends, fixed)
     np.testing.assert_array_equal(found.problem.nodes[fixed], nodes[fixed])
     assert np.abs(found.problem.nodes[~fixed, 1]).max() < 0.05
 

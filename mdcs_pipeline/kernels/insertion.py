@@ -28,13 +28,13 @@ class Refined(NamedTuple):
     edges: IntArray
 
 
-def inserted_counts(lengths: FloatArray, spacing: float) -> IntArray:
+def inserted_counts(lengths: FloatArray, spacing: float | FloatArray) -> IntArray:
     """Return l with |e|/(l+1) ≤ spacing < |e|/l for every edge length (Eq. 7)."""
     return np.maximum(np.ceil(lengths / spacing * (1 - 1e-12)).astype(np.int64) - 1, 0)
 
 
 def insert_points(
-    positions: FloatArray, values: FloatArray, edges: IntArray, spacing: float
+    positions: FloatArray, values: FloatArray, edges: IntArray, spacing: float | FloatArray
 ) -> Refined:
     """Cut every edge into equal parts no longer than `spacing`.
 
@@ -44,8 +44,8 @@ def insert_points(
     values : (m, c) float64
         Interpolated linearly.
     edges : (E, 2) int64
-    spacing : float
-        Length of the shortest edge in the text.
+    spacing : float or (E,) float64
+        Of all edges, or of each; the length of the shortest edge in the text.
 
     Returns
     -------

@@ -12,7 +12,7 @@ from mdcs_pipeline.kernels.blocks import Boxes
 from mdcs_pipeline.kernels.energy import bending_energy
 from mdcs_pipeline.kernels.problem import Accuracy, Coupling, Problem, Solution
 from mdcs_pipeline.kernels.sinkhorn import couple, couple_free
-from mdcs_pipeline.kernels.update import Pull, bending, pull, relaxed_step
+from mdcs_pipeline.kernels.update import Pull, pull, relaxed_step
 
 FloatArray = NDArray[np.float64]
 
@@ -77,7 +77,7 @@ def optimise(
     potentials: FloatArray,
     accuracy: Accuracy,
     descent: Descent,
-    edges: NDArray[np.int64] | None = None,
+    smoothing: sparse.csr_array | None = None,
     fixed: NDArray[np.bool_] | None = None,
     boxes: Boxes | None = None,
 ) -> Optimised:
@@ -91,10 +91,10 @@ def optimise(
         f to start from.
     accuracy : Accuracy
     descent : Descent
-    edges : (E, 2) int64, optional
-        The graph that R smooths; needed where λ > 0.
+    smoothing : csr_array (m, m), optional
+        The bends whose squares are R, from `kernels.bends`; needed where λ > 0.
     fixed : (m,) bool, optional
-        Nodes that stay where they are; R is not asked to smooth them either.
+        Nodes that stay where they are.
     boxes : Boxes, optional
         Of the problem's points, from `Problem.boxes`, where they are at hand.
 
@@ -103,13 +103,8 @@ def optimise(
     Optimised
     """
     transport = couple_free if descent.free else couple
-    smoothing = None
-    if edges is not None and descent.smoothing > 0:
-        # Costs are in local radii: so must bends be, or thick parts would hardly be smoothed.
-        in_radii = sparse.diags_array(1.0 / problem.node_scale)
-        smoothing = sparse.csr_array(in_radii @ bending(edges, len(problem.nodes)))
-        if fixed is not None and fixed.any():
-            smoothing = sparse.csr_array(sparse.diags_array((~fixed).astype(float)) @ smoothing)
+    if descent.smoothing == 0.0:
+        smoothing = None
     boxes = problem.boxes() if boxes is None else boxes
     found = transport(problem, potentials, accuracy, boxes)
     energy = [_objective(found, problem, smoothing, descent.smoothing)]

@@ -7,15 +7,23 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
+from scipy import sparse
 from scipy.spatial import cKDTree
 
+from mdcs_pipeline.arrays import IntArray
 from mdcs_pipeline.ingest import given_cloud
 from mdcs_pipeline.kernels.assignment import owners, plan_owners
+from mdcs_pipeline.kernels.bends import (
+    bends_in_scatter,
+    sideways_scatter,
+    steps_in_radii,
+    without,
+)
 from mdcs_pipeline.kernels.ends import limb_ends, lone_segments, stretched
 from mdcs_pipeline.kernels.energy import mean_distance
 from mdcs_pipeline.kernels.insertion import Refined, insert_points
 from mdcs_pipeline.kernels.optimise import Descent, Optimised, optimise
-from mdcs_pipeline.kernels.problem import Accuracy, Problem
+from mdcs_pipeline.kernels.problem import Accuracy, Coupling, Problem
 from mdcs_pipeline.kernels.sinkhorn import couple_free
 from mdcs_pipeline.messages import MassCloud, PointCloud, RoughSkeleton, Skeleton, Thickness
 from mdcs_pipeline.stage import Settings, Stage
@@ -30,6 +38,12 @@ class SmoothSettings(Settings):
 
     smoothing: float = Field(
         0.3, ge=0, lt=1, description="λ, weight of the Dirichlet term (Eq. 1, Table III)."
+    )
+    bends: Literal["steps", "scatter"] = Field(
+        "steps",
+        description="What that term counts. steps: ‖x_i − mean of its neighbours‖² in local radii "
+        "(Eq. 8); scatter: Σ ρ_i (w_i κ_i)², κ the curvature and w how far a node's mass scatters "
+        "sideways: what is known well may bend, and spacing does not matter.",
     )
     theta: float = Field(
         _DESCENT.step, gt=0, le=1, description="θ, relaxation of the update (Table III)."
@@ -54,11 +68,17 @@ class SmoothSettings(Settings):
         "surface", description="What the plan carries mass from, as in transport."
     )
     insert: bool = Field(True, description="Whether points are inserted into edges (Eq. 7).")
+    spacing: float = Field(
+        0.0,
+        ge=0,
+        description="Largest spacing of inserted points, in local radii; 0 takes the length of the "
+        "shortest edge for all (Eq. 7).",
+    )
     least_spacing: float = Field(
         0.4,
         gt=0,
-        description="Shortest spacing of inserted points, in median edges: one tiny edge would "
-        "otherwise cut all others to its size.",
+        description="Shortest edge that is taken, in median edges: one tiny edge would otherwise "
+        "cut all others to its size.",
     )
     tolerance: float = Field(
         _ACCURACY.tolerance,
@@ -149,10 +169,19 @@ class Smooth(Stage[SmoothSettings]):
                 values = np.concatenate([values, values[[node]]])
         if not (self.settings.insert and len(edges)):
             return Refined(positions, values, edges)
-        places = positions[edges]
-        length = np.linalg.norm(places[:, 0] - places[:, 1], axis=1)
-        spacing = max(float(length.min()), self.settings.least_spacing * float(np.median(length)))
-        return insert_points(positions, values, edges, spacing)
+        return insert_points(
+            positions, values, edges, self._spacing(positions, edges, values[:, 1])
+        )
+
+    def _spacing(
+        self, positions: NDArray[np.float64], edges: IntArray, scale: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return the largest spacing of points on each edge, (E,)."""
+        if self.settings.spacing > 0:
+            return np.asarray(self.settings.spacing * scale[edges].mean(axis=1), dtype=np.float64)
+        length = np.linalg.norm(positions[edges[:, 0]] - positions[edges[:, 1]], axis=1)
+        shortest = max(float(length.min()), self.settings.least_spacing * float(np.median(length)))
+        return np.full(len(edges), shortest)
 
     def _optimise(
         self,
@@ -188,7 +217,17 @@ class Smooth(Stage[SmoothSettings]):
         )
         fixed = np.zeros(count, dtype=bool)
         fixed[: len(rough.nodes)] = rough.nodes.fixed
-        return optimise(problem, level.node_potentials, accuracy, descent, refined.edges, fixed)
+        bends = without(self._bends(problem, level, accuracy, refined.edges), fixed)
+        return optimise(problem, level.node_potentials, accuracy, descent, bends, fixed)
+
+    def _bends(
+        self, problem: Problem, level: Coupling, accuracy: Accuracy, edges: IntArray
+    ) -> sparse.csr_array:
+        if self.settings.bends == "steps":
+            return steps_in_radii(edges, problem.node_scale)
+        plan = level.solution(problem.epsilon, accuracy).plan
+        scatter = sideways_scatter(plan, problem.points, problem.nodes, edges)
+        return bends_in_scatter(problem.nodes, edges, problem.node_scale, problem.target, scatter)
 
     def _assignment(
         self, cloud: MassCloud, found: Optimised, points: PointCloud | None
