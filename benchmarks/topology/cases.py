@@ -11,7 +11,7 @@ import numpy as np
 
 from benchmarks.topology import models, paper
 from benchmarks.topology.damage import DAMAGES, FIG13, POINTS
-from benchmarks.topology.shapes import HELD_OUT, SHAPES, make
+from benchmarks.topology.shapes import HELD_OUT, RANDOM, SHAPES, make
 from benchmarks.topology.solid import Floats, Truth, sample
 
 # The dumbbell of the paper's Fig. 14 has 736 points.
@@ -19,7 +19,7 @@ FIG14_POINTS = 736
 QUICK_SHAPES = ("y", "hand5", "quadruped", "grid2", "trefoil", "dumbbell", "two_bars", "egg")
 QUICK_DAMAGES = ("clean", "noise-0.3", "loss-80", "holes-1.5", "outliers-2", "density-7-smooth",
                  "views-2")  # fmt: skip
-SUITES = ("shapes", "held-out", "real", "table4", "spacing", "fig13", "fig14")
+SUITES = ("shapes", "held-out", "random", "real", "table4", "spacing", "fig13", "fig14")
 
 
 @dataclass(frozen=True, order=True)
@@ -68,6 +68,7 @@ def all_cases(seeds: int, first: int = 0) -> list[Case]:
     parts = [
         ("shapes", SHAPES, DAMAGES),
         ("held-out", HELD_OUT, DAMAGES),
+        ("random", RANDOM, DAMAGES),
         ("fig13", ("humanoid", "quadruped", "tree"), FIG13),
         ("fig14", ("dumbbell",), ("clean",)),
     ]
