@@ -12,6 +12,7 @@ from mdcs_pipeline.kernels.compiled.common import common_mass
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
 
 # Indices below which a pair of them fits into one number.
 _MOST = 1 << 31
@@ -154,10 +155,13 @@ def straight_ahead(nodes: FloatArray, edges: IntArray, pairs: IntArray) -> Float
     return ahead
 
 
-def gone_on(nodes: FloatArray, edges: IntArray, links: Links, least: float) -> IntArray:
+def gone_on(
+    nodes: FloatArray, edges: IntArray, links: Links, least: float, weak: BoolArray | None = None
+) -> IntArray:
     """Return the edges and, for each end, the strongest link that goes straight on from it.
 
-    An end is a node with one edge. Two that face each other share one link.
+    An end is a node with one edge. Two that face each other share one link. Nodes may stand so far
+    apart that hardly any mass is shared: what would be too weak counts where both are ends.
 
     Parameters
     ----------
@@ -167,14 +171,18 @@ def gone_on(nodes: FloatArray, edges: IntArray, links: Links, least: float) -> I
     links : Links
     least : float
         Least cosine that is straight on.
+    weak : (L,) bool, optional
+        Links that must go straight on from both their nodes.
 
     Returns
     -------
     (F, 2) int64
     """
-    ahead = straight_ahead(nodes, edges, links.pairs).max(axis=1)
+    both = np.zeros(len(links.pairs), dtype=np.bool_) if weak is None else weak
+    straight = straight_ahead(nodes, edges, links.pairs)
+    ahead = np.where(both, straight.min(axis=1), straight.max(axis=1))
     degree = np.bincount(edges.ravel(), minlength=len(nodes))
-    fewest = degree[links.pairs].min(axis=1)
+    fewest = np.where(both, degree[links.pairs].max(axis=1), degree[links.pairs].min(axis=1))
     name = [len(nodes), 1]
     onward = (ahead >= least) & (fewest == 1) & ~np.isin(links.pairs @ name, edges @ name)
     taken, added = np.zeros(len(nodes), dtype=np.bool_), []

@@ -140,9 +140,10 @@ class Link(Stage[LinkSettings]):
                 np.concatenate([edges[~nodes.fixed[edges].all(axis=1)], _kept(nodes)])
             )
         # Little may show of a limb's root, and still it goes on into what it touches.
-        open_to = strong & (firm > 0) & ~nodes.fixed[links.pairs].any(axis=1)
+        weak = ~strong & (links.strength >= settings.joining) & (firm >= settings.joining_contact)
+        open_to = ((strong & (firm > 0)) | weak) & ~nodes.fixed[links.pairs].any(axis=1)
         onward = Links(links.pairs[open_to], links.strength[open_to])
-        edges = gone_on(nodes.positions, edges, onward, settings.onward)
+        edges = gone_on(nodes.positions, edges, onward, settings.onward, weak[open_to])
         # Strands side by side share mass, and stray points of theirs are neighbours.
         ahead = straight_ahead(nodes.positions, edges, links.pairs)
         aimed = ahead.max(axis=1) >= settings.joining_ahead
