@@ -155,13 +155,10 @@ def straight_ahead(nodes: FloatArray, edges: IntArray, pairs: IntArray) -> Float
     return ahead
 
 
-def gone_on(
-    nodes: FloatArray, edges: IntArray, links: Links, least: float, weak: BoolArray | None = None
-) -> IntArray:
+def gone_on(nodes: FloatArray, edges: IntArray, links: Links, least: FloatArray) -> IntArray:
     """Return the edges and, for each end, the strongest link that goes straight on from it.
 
-    An end is a node with one edge. Two that face each other share one link. Nodes may stand so far
-    apart that hardly any mass is shared: what would be too weak counts where both are ends.
+    An end is a node with one edge. Two that face each other share one link.
 
     Parameters
     ----------
@@ -169,27 +166,24 @@ def gone_on(
     edges : (E, 2) int64
         i < j.
     links : Links
-    least : float
-        Least cosine that is straight on.
-    weak : (L,) bool, optional
-        Links that must go straight on from both their nodes.
+    least : (L, 2) float64
+        Least cosines that are straight on: of the straighter of a link's two nodes, and of the
+        other. A node that is no end has −1, one without edges 1.
 
     Returns
     -------
     (F, 2) int64
     """
-    both = np.zeros(len(links.pairs), dtype=np.bool_) if weak is None else weak
-    straight = straight_ahead(nodes, edges, links.pairs)
-    ahead = np.where(both, straight.min(axis=1), straight.max(axis=1))
+    ahead = np.sort(straight_ahead(nodes, edges, links.pairs), axis=1)[:, ::-1]
     degree = np.bincount(edges.ravel(), minlength=len(nodes))
-    fewest = np.where(both, degree[links.pairs].max(axis=1), degree[links.pairs].min(axis=1))
+    ends = (degree[links.pairs] == 1).any(axis=1)
     name = [len(nodes), 1]
-    onward = (ahead >= least) & (fewest == 1) & ~np.isin(links.pairs @ name, edges @ name)
+    onward = ends & (ahead >= least).all(axis=1) & ~np.isin(links.pairs @ name, edges @ name)
     taken, added = np.zeros(len(nodes), dtype=np.bool_), []
     for k in np.flatnonzero(onward)[np.argsort(-links.strength[onward], kind="stable")]:
-        ends = [n for n in links.pairs[k] if degree[n] == 1]
-        if not taken[ends].any():
-            taken[ends] = True
+        joined = [n for n in links.pairs[k] if degree[n] == 1]
+        if not taken[joined].any():
+            taken[joined] = True
             added.append(links.pairs[k])
     return unique_pairs(np.concatenate([edges, *(pair[None] for pair in added)]))
 

@@ -140,10 +140,14 @@ class Link(Stage[LinkSettings]):
                 np.concatenate([edges[~nodes.fixed[edges].all(axis=1)], _kept(nodes)])
             )
         # Little may show of a limb's root, and still it goes on into what it touches.
+        # Nodes may settle so far apart on a limb that they share next to nothing: what is too weak
+        # for a link is one where both its nodes are ends and face each other.
         weak = ~strong & (links.strength >= settings.joining) & (firm >= settings.joining_contact)
         open_to = ((strong & (firm > 0)) | weak) & ~nodes.fixed[links.pairs].any(axis=1)
+        least = np.full((len(weak), 2), settings.onward)
+        least[:, 1] = np.where(weak, settings.joining_ahead, -1.0)
         onward = Links(links.pairs[open_to], links.strength[open_to])
-        edges = gone_on(nodes.positions, edges, onward, settings.onward, weak[open_to])
+        edges = gone_on(nodes.positions, edges, onward, least[open_to])
         # Strands side by side share mass, and stray points of theirs are neighbours.
         ahead = straight_ahead(nodes.positions, edges, links.pairs)
         aimed = ahead.max(axis=1) >= settings.joining_ahead
