@@ -177,6 +177,11 @@ def test_what_goes_on_from_an_end_is_ahead_of_it(unit: float) -> None:
     np.testing.assert_allclose(aslant, [[root, -root]], atol=1e-12)
 
 
+def straighter(least: float, count: int) -> np.ndarray:
+    """Return what is asked of the straighter of a link's two nodes alone."""
+    return np.tile([least, -1.0], (count, 1))
+
+
 def test_an_end_goes_straight_on_along_its_strongest_link() -> None:
     """A rail along x from node 0 to 4, and a rung from 5 to 7 that stops short of it."""
     rail = [[0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0, 0], [4, 0, 0]]
@@ -185,7 +190,7 @@ def test_an_end_goes_straight_on_along_its_strongest_link() -> None:
     pairs = np.array([[3, 7], [2, 7], [2, 6], [4, 5]])
 
     def added(strength: list[float], least: float = 0.7) -> set[tuple[int, ...]]:
-        found = gone_on(nodes, edges, Links(pairs, np.array(strength)), least)
+        found = gone_on(nodes, edges, Links(pairs, np.array(strength)), straighter(least, 4))
         assert {tuple(pair) for pair in edges.tolist()} <= {tuple(pair) for pair in found.tolist()}
         return {tuple(pair) for pair in found.tolist()} - {tuple(pair) for pair in edges.tolist()}
 
@@ -194,7 +199,8 @@ def test_an_end_goes_straight_on_along_its_strongest_link() -> None:
     assert added([0.1, 1.0, 1.0, 1.0]) == {(2, 7)}
     assert added([1.0, 0.1, 1.0, 1.0], 0.75) == {(2, 7)}
     assert added([1.0, 0.1, 1.0, 1.0], 1.0) == {(2, 7)}
-    nothing = gone_on(nodes, edges, Links(np.empty((0, 2), np.int64), np.empty(0)), 0.7)
+    none = Links(np.empty((0, 2), np.int64), np.empty(0))
+    nothing = gone_on(nodes, edges, none, straighter(0.7, 0))
     np.testing.assert_array_equal(nothing, edges)
 
 
@@ -202,7 +208,29 @@ def test_two_ends_that_face_each_other_share_one_link() -> None:
     nodes = np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0, 0]], dtype=float)
     edges = np.array([[0, 1], [2, 3]])
     facing = Links(np.array([[1, 2], [0, 2], [1, 3]]), np.array([0.9, 0.5, 0.5]))
-    assert gone_on(nodes, edges, facing, 0.7).tolist() == [[0, 1], [1, 2], [2, 3]]
+    found = gone_on(nodes, edges, facing, straighter(0.7, 3))
+    assert found.tolist() == [[0, 1], [1, 2], [2, 3]]
+
+
+def test_a_weak_link_must_go_straight_on_from_both_its_nodes() -> None:
+    """Two limbs in line, a gap between them, a third beside, and a node on its own."""
+    nodes = np.array(
+        [[0, 0, 0], [1, 0, 0], [5, 0, 0], [6, 0, 0], [3, 1, 0], [3, 4, 0], [8, 0, 0]], dtype=float
+    )
+    edges = np.array([[0, 1], [2, 3], [4, 5]])
+
+    def added(pairs: list[list[int]], both: float) -> list[list[int]]:
+        links = Links(np.array(pairs), np.full(len(pairs), 0.01))
+        least = np.tile([0.7, both], (len(pairs), 1))
+        return [pair for pair in gone_on(nodes, edges, links, least).tolist() if pair in pairs]
+
+    assert added([[1, 2]], 0.5) == [[1, 2]]
+    # From 1 node 4 is 27° off, from 4 node 1 is 63°.
+    assert added([[1, 4]], 0.5) == []
+    assert added([[1, 4]], 0.4) == [[1, 4]]
+    # A node on its own looks anywhere, one in the middle of a limb nowhere.
+    assert added([[3, 6]], 0.5) == [[3, 6]]
+    assert added([[2, 6]], 0.5) == []
 
 
 def test_a_widened_plan_is_that_of_the_same_potentials_at_the_larger_epsilon():
