@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from itertools import combinations
 
 import numpy as np
 import pytest
@@ -20,11 +21,13 @@ from benchmarks.topology import (
     sensitivity,
     table,
 )
+from benchmarks.topology.builder import unit
 from benchmarks.topology.cases import Case, all_cases, select
 from benchmarks.topology.damage import DAMAGES, LEAST_LEFT, least_left
 from benchmarks.topology.peers import Result, prune_spurs
 from benchmarks.topology.score import densify, failed, score
-from benchmarks.topology.shapes import HELD_OUT, SHAPES, make
+from benchmarks.topology.shapes import HELD_OUT, RANDOM, RANDOM_HELD_OUT, SHAPES, make
+from benchmarks.topology.shapes_random import random_shape
 from benchmarks.topology.solid import (
     Shape,
     cone_distance,
@@ -39,6 +42,7 @@ from mdcs_pipeline.config import load_spec
 from mdcs_pipeline.errors import ConfigError
 
 EVERY = [*SHAPES, *HELD_OUT]
+DRAWN = [RANDOM[0], RANDOM[4], RANDOM_HELD_OUT[0]]
 
 
 def rng(seed: int = 0) -> np.random.Generator:
@@ -63,14 +67,14 @@ def test_there_are_enough_shapes_and_none_is_both_tuned_and_held_out():
     assert not set(SHAPES) & set(HELD_OUT)
 
 
-@pytest.mark.parametrize("name", EVERY)
+@pytest.mark.parametrize("name", [*EVERY, *DRAWN])
 def test_expected_counts_are_those_of_the_graph(name):
     shape = make(name)
     found = graph_counts(len(shape.nodes), shape.edges)
     assert found == (shape.components, shape.cycles, shape.leaves)
 
 
-@pytest.mark.parametrize("name", EVERY)
+@pytest.mark.parametrize("name", [*EVERY, *DRAWN])
 def test_expected_counts_are_those_of_the_solid(name):
     """Limbs that fuse by accident would make the graph's counts a lie about the cloud."""
     shape = make(name)
@@ -85,10 +89,30 @@ def test_the_solid_audit_sees_a_loop_closed_by_accident():
     assert audit.clearance(closed) < 0
 
 
-@pytest.mark.parametrize("name", EVERY)
+@pytest.mark.parametrize("name", [*EVERY, *DRAWN])
 def test_every_leaf_sticks_out_of_the_rest(name):
     """A stub inside another limb would be a leaf that no cloud shows."""
     assert audit.spur_reach(make(name)) > 1.5
+
+
+@pytest.mark.parametrize("name", DRAWN)
+def test_a_drawn_shape_is_the_same_each_time_and_has_no_sharp_corner(name):
+    shape = make(name)
+    random_shape.cache_clear()
+    again = make(name)
+    np.testing.assert_array_equal(again.nodes, shape.nodes)
+    np.testing.assert_array_equal(again.edges, shape.edges)
+    ways = {node: [] for node in range(len(shape.nodes))}
+    for i, j in shape.edges.tolist():
+        way = unit(shape.nodes[j] - shape.nodes[i])
+        ways[i].append(way)
+        ways[j].append(-way)
+    assert max(a @ b for near in ways.values() for a, b in combinations(near, 2)) < 0.5
+
+
+def test_drawn_shapes_that_may_be_looked_at_and_that_may_not_differ():
+    assert len(RANDOM) == len(RANDOM_HELD_OUT) == 24
+    assert not set(RANDOM) & set(RANDOM_HELD_OUT)
 
 
 @pytest.mark.parametrize("name", ["hand5", "hand4"])

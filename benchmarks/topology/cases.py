@@ -11,7 +11,7 @@ import numpy as np
 
 from benchmarks.topology import models, paper
 from benchmarks.topology.damage import DAMAGES, FIG13, POINTS
-from benchmarks.topology.shapes import HELD_OUT, RANDOM, SHAPES, make
+from benchmarks.topology.shapes import HELD_OUT, RANDOM, RANDOM_HELD_OUT, SHAPES, make
 from benchmarks.topology.solid import Floats, Truth, sample
 
 # The dumbbell of the paper's Fig. 14 has 736 points.
@@ -19,7 +19,9 @@ FIG14_POINTS = 736
 QUICK_SHAPES = ("y", "hand5", "quadruped", "grid2", "trefoil", "dumbbell", "two_bars", "egg")
 QUICK_DAMAGES = ("clean", "noise-0.3", "loss-80", "holes-1.5", "outliers-2", "density-7-smooth",
                  "views-2")  # fmt: skip
-SUITES = ("shapes", "held-out", "random", "real", "table4", "spacing", "fig13", "fig14")
+# The first have every damage; the others come with their own.
+DAMAGED = ("shapes", "held-out", "random", "random-held-out")
+SUITES = (*DAMAGED, "real", "table4", "spacing", "fig13", "fig14")
 
 
 @dataclass(frozen=True, order=True)
@@ -69,6 +71,7 @@ def all_cases(seeds: int, first: int = 0) -> list[Case]:
         ("shapes", SHAPES, DAMAGES),
         ("held-out", HELD_OUT, DAMAGES),
         ("random", RANDOM, DAMAGES),
+        ("random-held-out", RANDOM_HELD_OUT, DAMAGES),
         ("fig13", ("humanoid", "quadruped", "tree"), FIG13),
         ("fig14", ("dumbbell",), ("clean",)),
     ]
@@ -110,5 +113,5 @@ def select(
     if damages:
         chosen = [c for c in chosen if _matches(damages, c.damage)]
     elif quick:
-        chosen = [c for c in chosen if c.suite not in SUITES[:2] or c.damage in QUICK_DAMAGES]
+        chosen = [c for c in chosen if c.suite not in DAMAGED or c.damage in QUICK_DAMAGES]
     return chosen

@@ -33,8 +33,12 @@ def parser() -> argparse.ArgumentParser:
         help="mdcs:CONFIG[+STAGE.SETTING=VALUE..], mdcs:without-STAGE, pygel, pygel-raw, "
         "pygel-ls, pygel-ls-raw, pc-skeletor, pc-skeletor-pruned; several are "
         "allowed (default mdcs:default)")  # fmt: skip
-    add("--suites", default="shapes", metavar="RE,..",
-        help="shapes, held-out, real, table4, spacing, fig13, fig14 or .*")  # fmt: skip
+    add(
+        "--suites",
+        default="shapes",
+        metavar="RE,..",
+        help="shapes, held-out, random, random-held-out, real, table4, spacing, fig13, fig14 or .*",
+    )
     add("--shapes", metavar="RE,..", help="only shapes (or models) whose whole name matches")
     add("--cases", metavar="RE,..", help="only damages whose whole name matches, as noise-.*")
     add("--seeds", type=int, default=3, help="seeds a case (default 3)")

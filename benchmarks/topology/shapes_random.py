@@ -17,8 +17,9 @@ from benchmarks.topology.audit import clearance, solid_counts, spur_reach
 from benchmarks.topology.builder import Builder, spline, unit
 from benchmarks.topology.solid import Floats, Shape, graph_counts
 
-#: ``random0`` to ``random23``.
+#: Those that may be looked at and tuned on, and those that may not.
 NAMES = tuple(f"random{k}" for k in range(24))
+HELD_OUT = tuple(f"random{k}" for k in range(24, 48))
 # Least room between limbs, and by how much each end sticks out, in the thinner's radii.
 _ROOM, _REACH = 0.8, 2.0
 # Largest cosine between limbs at a node: at a sharper corner they are one limb for a while.

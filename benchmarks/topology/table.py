@@ -17,6 +17,8 @@ BEGIN, END = "<!-- topology:begin -->", "<!-- topology:end -->"
 TITLES = {
     "shapes": "Shapes with exact ground truth",
     "held-out": "Held-out shapes (never tuned on)",
+    "random": "Shapes drawn by chance",
+    "random-held-out": "Shapes drawn by chance, never looked at",
     "real": "Real models (components and cycles counted)",
     "table4": "The paper's Table IV (components and cycles counted)",
     "spacing": "Table IV's noise in units of the median spacing",
