@@ -372,8 +372,9 @@ def test_steep_links_do_not_cross_a_gap_narrower_than_the_spacing():
     points = np.concatenate(walls)
 
     across = []
-    for steepest in (1.0, 0.7, 0.5, 0.3):
-        graph = surface_graph(points, 8, 0, steepest).graph
+    for upright in (0.0, 45.0, 60.0, 75.0):
+        steepest = np.cos(np.radians(upright))
+        graph = surface_graph(points, 8, 0, upright).graph
         np.testing.assert_array_equal(graph.toarray(), graph.toarray().T)
         across.append(graph[:625][:, 625:].nnz)
         # Steep at both ends is what is left out.

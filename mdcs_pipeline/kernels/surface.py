@@ -15,8 +15,9 @@ from mdcs_pipeline.kernels.nearest import nearest
 
 FloatArray = NDArray[np.float64]
 
-#: Points that each is linked to, and how upright on the surface a link may be, where nobody says.
-NEIGHBOURS, STEEPEST = 8, 0.75
+#: Points that each is linked to, and how near to upright on the surface a link may be, in degrees
+#: between it and the normals, where nobody says.
+NEIGHBOURS, UPRIGHT = 8, 32.0
 
 
 class SurfaceGraph(NamedTuple):
@@ -66,7 +67,7 @@ def normals(points: FloatArray, indices: NDArray[np.int64]) -> FloatArray:
 
 
 def surface_graph(
-    points: FloatArray, neighbours: int, averaging: int = 0, steepest: float = 1.0
+    points: FloatArray, neighbours: int, averaging: int = 0, upright: float = 0.0
 ) -> SurfaceGraph:
     """Return the symmetric graph of neighbours along the surface.
 
@@ -80,8 +81,8 @@ def surface_graph(
         Each point is linked to this many, and to those that name it.
     averaging : int
         Neighbours that a point is averaged with; 0 for none.
-    steepest : float
-        Largest |cosine| between a link and the normals at both its ends; 1 takes all.
+    upright : float
+        Least angle between a link and the normals at both its ends, in degrees; 0 takes all.
 
     Returns
     -------
@@ -89,11 +90,12 @@ def surface_graph(
     """
     n = len(points)
     placed = averaged(points, averaging) if averaging else points.copy()
-    found = nearest(placed, neighbours if steepest >= 1.0 else 2 * neighbours)
+    found = nearest(placed, 2 * neighbours if upright > 0.0 else neighbours)
     # Points that averaging put on one place still are neighbours, at a distance above 0.
     length = np.maximum(found.distance, 1e-12)
     kept = np.ones(length.shape, dtype=bool)
-    if steepest < 1.0 and n > 2 * neighbours:
+    if upright > 0.0 and n > 2 * neighbours:
+        steepest = float(np.cos(np.radians(upright)))
         normal = normals(placed, found.indices[:, : 2 * neighbours])
         kept = along_surface(placed, found.indices, length, normal, neighbours, steepest)
     else:

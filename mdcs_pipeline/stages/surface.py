@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from pydantic import Field
 
-from mdcs_pipeline.kernels.surface import NEIGHBOURS, STEEPEST, surface_graph
+from mdcs_pipeline.kernels.surface import NEIGHBOURS, UPRIGHT, surface_graph
 from mdcs_pipeline.messages import MassCloud, Surface
 from mdcs_pipeline.stage import Settings, Stage
 
@@ -25,12 +25,12 @@ class SurfaceSettings(Settings):
         "keeps close limbs apart.",
     )
 
-    steepest: float = Field(
-        STEEPEST,
-        gt=0,
-        le=1,
-        description="Largest |cosine| of a link with the normals at both its ends: steeper ones "
-        "cross a gap between two walls. 1 takes all.",
+    upright: float = Field(
+        UPRIGHT,
+        ge=0,
+        lt=90,
+        description="Least angle of a link with the normals at both its ends, in degrees: more "
+        "upright ones cross a gap between two walls. 0 takes all.",
     )
 
 
@@ -49,6 +49,6 @@ class SurfaceGraph(Stage[SurfaceSettings]):
         """Return the neighbour graph of the cloud, in its unit frame."""
         settings = self.settings
         found = surface_graph(
-            cloud.positions, settings.neighbours, settings.averaging, settings.steepest
+            cloud.positions, settings.neighbours, settings.averaging, settings.upright
         )
         return SurfaceOutput(Surface(found.positions, found.graph))
