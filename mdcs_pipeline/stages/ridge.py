@@ -10,7 +10,7 @@ from pydantic import Field
 
 from mdcs_pipeline.errors import InputError
 from mdcs_pipeline.kernels.ridges import RidgeRule, levelled, ridges, surface_noise
-from mdcs_pipeline.kernels.surface import NEIGHBOURS, surface_graph
+from mdcs_pipeline.kernels.surface import NEIGHBOURS, UPRIGHT, surface_graph
 from mdcs_pipeline.messages import MassCloud, Surface, Thickness
 from mdcs_pipeline.stage import Settings, Stage
 
@@ -19,9 +19,6 @@ FloatArray = NDArray[np.float64]
 _RULE = RidgeRule()
 # Trust under which a medial place is not believed.
 _BELIEVED = 0.5
-# Least angle of a link with the normals, in degrees. Points that were put on their limbs' surfaces
-# leave gaps cleaner than measured ones do: what is nearer to upright crosses one.
-_UPRIGHT = 41.4
 
 
 class RidgeSettings(Settings):
@@ -109,7 +106,7 @@ class Ridge(Stage[RidgeSettings]):
         if found is None:
             return as_before
         level = levelled(cloud.positions, found)
-        links = surface_graph(level, NEIGHBOURS, upright=_UPRIGHT)
+        links = surface_graph(level, NEIGHBOURS, upright=UPRIGHT)
         return RidgeOutput(
             Thickness(
                 found.radius,
