@@ -472,6 +472,35 @@ def test_ends_that_face_each_other_need_no_touch(rod: Rod, onward: float, joined
     assert found.edges.tolist() == sorted(pieces + [[2, 3]] * joined)
 
 
+@pytest.mark.parametrize("touching", [True, False])
+def test_ends_of_one_piece_that_share_next_to_nothing_are_joined_over_a_touch(
+    touching: bool,
+) -> None:
+    """A torus whose nodes leave a gap that hardly any mass goes to both sides of."""
+    ring = measured(shapes.torus(3000))
+    turn = np.append(np.linspace(0.0, 5.3, 17), 0.0)[:-1]
+    middle = shapes.torus(3000).mean(axis=0)
+    reach = np.linalg.norm(shapes.torus(3000)[:, :2] - middle[:2], axis=1)
+    width = 0.5 * (reach.max() + reach.min())
+    places = middle + width * np.stack([np.cos(turn), np.sin(turn), 0.0 * turn], axis=1)
+    plan = plan_to(ring.cloud, ring.cloud.unit.to_unit(places))
+    surface = ring.surface
+    if not touching:
+        owner, links = plan_owners(plan.plan), ring.surface.graph.tocoo()
+        ends = {int(places[:, 0].argmax()), len(places) - 1}
+        apart = [set(pair) == ends for pair in zip(owner[links.row], owner[links.col], strict=True)]
+        kept = ~np.array(apart)
+        graph = sparse.csr_array(
+            (links.data[kept], (links.row[kept], links.col[kept])), shape=links.shape
+        )
+        surface = replace(surface, graph=graph)
+    rules = {"rule": "co_transport", "widening": 1.0, "contact": 0.3, "strength": 0.05}
+    rules |= {"joining": 1e-9, "joining_contact": 0.15}
+    found = Link(**rules)(ring.cloud, plan, surface).rough
+    assert (np.bincount(found.edges.ravel()) == 2).all() == touching
+    assert len(found.edges) == len(places) - 1 + touching
+
+
 def around(rod: Rod, count: int = 6) -> RoughSkeleton:
     """Return a loop of nodes on the wall of a rod: false, as its inside is empty of loops."""
     radius = np.hypot(*rod.cloud.positions[:, 1:].T).mean()
@@ -612,6 +641,34 @@ def test_smoothing_straightens_a_bent_chain(rod: Rod) -> None:
         return float(np.linalg.norm(np.diff(nodes, n=2, axis=0)))
 
     assert bend(0.9) < 0.8 * bend(0.0)
+
+
+def test_smoothing_by_scatter_straightens_what_is_flat_and_lets_a_ring_bend() -> None:
+    """A slab is known to its width only, and its chain zigzags; a thin ring is known well."""
+    rng = np.random.default_rng(0)
+    slab = measured(rng.uniform([-2.0, -0.5, -0.03], [2.0, 0.5, 0.03], (4000, 3)))
+    zigzag = np.stack(
+        [np.linspace(-1.8, 1.8, 10), 0.3 * (-1.0) ** np.arange(10), np.zeros(10)], axis=1
+    )
+    edges = np.array([[i, i + 1] for i in range(9)])
+
+    def off(stage: Smooth, spread: Rod, places: np.ndarray, edges: np.ndarray) -> np.ndarray:
+        plan = plan_to(spread.cloud, spread.cloud.unit.to_unit(places))
+        rough = RoughSkeleton(plan, edges, np.ones(len(places), bool))
+        return stage(spread.cloud, rough).skeleton.nodes
+
+    shared = {"bends": "scatter", "theta": 0.5, "stretch": False, "spacing": 0.1}
+    scatter, none = Smooth(smoothing=0.9, **shared), Smooth(smoothing=0.0, **shared)
+    bends = [np.abs(off(stage, slab, zigzag, edges)[:, 1]).mean() for stage in (scatter, none)]
+    assert bends[0] < 0.5 * bends[1]
+
+    points = shapes.torus(3000)
+    reach = np.linalg.norm(points[:, :2], axis=1)
+    middle, turn = 0.5 * (reach.max() + reach.min()), np.arange(12) * np.pi / 6
+    places = middle * np.stack([np.cos(turn), np.sin(turn), 0.0 * turn], axis=1)
+    loop = np.array([[i, i + 1] for i in range(11)] + [[0, 11]])
+    found = off(scatter, measured(points), places, loop)
+    assert np.abs(np.linalg.norm(found[:, :2], axis=1) / middle - 1.0).max() < 0.03
 
 
 def test_smooth_keeps_a_lone_node_of_a_ball_and_makes_a_segment_of_a_rod(rod: Rod) -> None:

@@ -6,9 +6,9 @@ it suits nodes at one spacing.
 
 What a curve may bend follows from what is known of it. A node's mass scatters sideways by w about
 the axis, because of noise, or because the limb is wide and flat: there the middle is known to w,
-and bends that are tighter than w are guesses. So the other measure is Σ ρ_i (w_i κ_i)²: without a
-unit, the same for thick and thin and for any spacing, and next to nothing where all mass lies on
-one line, which the curve then follows.
+and what it does within a stretch of w is a guess. So the other measure is κ w², by how much the
+curve leaves its tangents over such a stretch: the same for any spacing, and next to nothing where
+all mass lies on one line, which the curve then follows.
 """
 
 from __future__ import annotations
@@ -23,12 +23,10 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
-# No limb's middle is known to less than this share of its radius.
-_SURE = 0.1
-# Nodes that nothing tells of, as over a hole, count as much as this share of the median node.
+# Nodes with less mass than this share of the median's count as that much.
 _LEAST_MASS = 0.1
-# Edges shorter than this share of the radius say nothing of bends.
-_SHORTEST = 0.05
+# Shortest spacing that is reckoned with, in the median edge.
+_SHORTEST = 0.1
 
 
 def steps_in_radii(edges: IntArray, scale: FloatArray) -> sparse.csr_array:
@@ -52,7 +50,7 @@ def steps_in_radii(edges: IntArray, scale: FloatArray) -> sparse.csr_array:
 def bends_in_scatter(
     nodes: FloatArray, edges: IntArray, scale: FloatArray, mass: FloatArray, scatter: FloatArray
 ) -> sparse.csr_array:
-    """Return B with ‖B X‖² = Σ ρ_i w_i² κ_i², κ_i = 2 ‖x_i − mean of its neighbours‖ / h_i².
+    """Return B with ‖B X‖² = Σ ρ_i (κ_i w_i² / r_i)², κ_i h_i² = 2 ‖x_i − mean of neighbours‖.
 
     Parameters
     ----------
@@ -60,7 +58,7 @@ def bends_in_scatter(
         They tell h_i, the mean length of a node's edges.
     edges : (E, 2) int64
     scale : (m,) float64
-        r_i.
+        r_i; 1 without a thickness.
     mass : (m,) float64
         ρ_i.
     scatter : (m,) float64
@@ -74,9 +72,10 @@ def bends_in_scatter(
     length = np.linalg.norm(nodes[edges[:, 0]] - nodes[edges[:, 1]], axis=1)
     degree = np.maximum(np.bincount(edges.ravel(), minlength=count), 1)
     spacing = np.bincount(edges.ravel(), np.repeat(length, 2), minlength=count) / degree
-    wide = np.maximum(scatter, (_SURE * scale) ** 2)
+    # Edges that are much shorter than others say nothing of bends.
+    shortest = _SHORTEST * float(np.median(length)) if len(length) else 1.0
     held = np.maximum(mass, _LEAST_MASS * np.median(mass))
-    weight = 2.0 * np.sqrt(held * wide) / np.maximum(spacing, _SHORTEST * scale) ** 2
+    weight = 2.0 * np.sqrt(held) * scatter / (np.maximum(spacing, shortest) ** 2 * scale)
     return sparse.csr_array(sparse.diags_array(weight) @ bending(edges, count))
 
 

@@ -42,8 +42,8 @@ class SmoothSettings(Settings):
     bends: Literal["steps", "scatter"] = Field(
         "steps",
         description="What that term counts. steps: ‖x_i − mean of its neighbours‖² in local radii "
-        "(Eq. 8); scatter: Σ ρ_i (w_i κ_i)², κ the curvature and w how far a node's mass scatters "
-        "sideways: what is known well may bend, and spacing does not matter.",
+        "(Eq. 8); scatter: Σ ρ_i (κ_i w_i² / r_i)², κ the curvature and w how far a node's mass "
+        "scatters sideways: what is known well may bend, and spacing does not matter.",
     )
     theta: float = Field(
         _DESCENT.step, gt=0, le=1, description="θ, relaxation of the update (Table III)."
