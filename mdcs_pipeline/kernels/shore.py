@@ -14,9 +14,6 @@ from mdcs_pipeline.kernels.ends import End
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-# So many points are no wall, however few an end has: strays, or what is left of a sparse limb.
-_FEW = 2
-
 
 class Shore(NamedTuple):
     """The cloud around the ends.
@@ -69,7 +66,7 @@ class Shore(NamedTuple):
 
     def _crowded(self, distance: FloatArray, end: End, crowd: float) -> bool:
         near = np.count_nonzero(distance < 0.5 * end.radius)
-        return bool(near > max(crowd * self.held[end.node], _FEW))
+        return bool(near > crowd * self.held[end.node])
 
     def pierced(self, end: End, goal: FloatArray, crowd: float) -> bool:
         """Return whether the way from an end to `goal` leads through the surface.

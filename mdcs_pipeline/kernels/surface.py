@@ -17,7 +17,7 @@ FloatArray = NDArray[np.float64]
 
 #: Points that each is linked to, and how near to upright on the surface a link may be, in degrees
 #: between it and the normals, where nobody says.
-NEIGHBOURS, UPRIGHT = 8, 32.0
+NEIGHBOURS, UPRIGHT = 8, 41.4
 
 
 class SurfaceGraph(NamedTuple):
