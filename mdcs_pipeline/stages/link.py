@@ -146,7 +146,6 @@ class Link(Stage[LinkSettings]):
         open_to = ((strong & (firm > 0)) | weak) & ~nodes.fixed[links.pairs].any(axis=1)
         least = np.full((len(weak), 2), settings.onward)
         least[:, 1] = np.where(weak, settings.joining_ahead, -1.0)
-        least[weak & (firm >= settings.contact)] = -0.5
         onward = Links(links.pairs[open_to], links.strength[open_to])
         edges = gone_on(nodes.positions, edges, onward, least[open_to])
         # Strands side by side share mass, and stray points of theirs are neighbours.
