@@ -71,7 +71,8 @@ class LinkSettings(Settings):
         ge=-1,
         le=1,
         description="Least cosine between an end and a link that goes on from it: such a link "
-        "joins two pieces over any contact.",
+        "joins two pieces over any contact. Also of the less straight of two ends that face each "
+        "other: they are joined over a weaker link, too.",
     )
     onward: float = Field(
         0.7,
