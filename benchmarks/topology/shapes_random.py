@@ -31,16 +31,18 @@ _TRIES = 12
 @cache
 def random_shape(name: str) -> Shape:
     """Return the shape called ``randomN``."""
-    for attempt in count():
-        rng = np.random.default_rng([int(name.removeprefix("random")), attempt])
-        shape = _drawn(name, rng)
-        if (
-            len(shape.edges) >= 2 * _PIECES
-            and spur_reach(shape) > _REACH
-            and solid_counts(shape, 160) == (shape.components, shape.cycles, 0)
-        ):
-            return shape
-    raise AssertionError("unreachable")
+    seed = int(name.removeprefix("random"))
+    drawn = (_drawn(name, np.random.default_rng([seed, attempt])) for attempt in count())
+    return next(shape for shape in drawn if _valid(shape))
+
+
+def _valid(shape: Shape) -> bool:
+    """Return whether it has more than one limb, and the counts of its graph are the solid's."""
+    return (
+        len(shape.edges) >= 2 * _PIECES
+        and spur_reach(shape) > _REACH
+        and solid_counts(shape, 160) == (shape.components, shape.cycles, 0)
+    )
 
 
 def _drawn(name: str, rng: np.random.Generator) -> Shape:
