@@ -108,12 +108,12 @@ def sideways_scatter(
         [np.bincount(edges.ravel(), column, minlength=count) / degree for column in squares.T],
         axis=1,
     )
-    mass = np.bincount(plan.indices, plan.data, minlength=count)
-    mass = np.where(mass > 0, mass, 1.0)[:, None]
     # About the middle of them all: moments far from the origin would lose their digits.
-    middle = places.mean(axis=0)
-    first = (plan.T @ (places - middle)) / mass
-    second = (plan.T @ _outer(places - middle)) / mass - _outer(first)
+    offset = places - places.mean(axis=0)
+    ones = np.ones((len(places), 1))
+    sums = plan.T @ np.concatenate([ones, offset, _outer(offset)], axis=1)
+    moments = sums[:, 1:] / np.where(sums[:, :1] > 0, sums[:, :1], 1.0)
+    second = moments[:, 3:] - _outer(moments[:, :3])
     across = second[:, [0, 4, 8]].sum(axis=1) - (second * along).sum(axis=1)
     return np.asarray(np.maximum(across, 0.0), dtype=np.float64)
 

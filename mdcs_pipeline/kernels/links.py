@@ -12,7 +12,6 @@ from mdcs_pipeline.kernels.compiled.common import common_mass
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 # Indices below which a pair of them fits into one number.
 _MOST = 1 << 31

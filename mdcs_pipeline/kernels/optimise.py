@@ -103,8 +103,6 @@ def optimise(
     Optimised
     """
     transport = couple_free if descent.free else couple
-    if descent.smoothing == 0.0:
-        smoothing = None
     boxes = problem.boxes() if boxes is None else boxes
     found = transport(problem, potentials, accuracy, boxes)
     energy = [_objective(found, problem, smoothing, descent.smoothing)]

@@ -217,7 +217,9 @@ class Smooth(Stage[SmoothSettings]):
         )
         fixed = np.zeros(count, dtype=bool)
         fixed[: len(rough.nodes)] = rough.nodes.fixed
-        bends = without(self._bends(problem, level, accuracy, refined.edges), fixed)
+        bends = None
+        if settings.smoothing > 0:
+            bends = without(self._bends(problem, level, accuracy, refined.edges), fixed)
         return optimise(problem, level.node_potentials, accuracy, descent, bends, fixed)
 
     def _bends(
