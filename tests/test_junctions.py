@@ -84,6 +84,20 @@ def test_two_halves_of_a_plate_meet_in_its_middle_and_not_in_the_root_of_a_limb(
     assert len(set(got.nodes.ids.tolist())) == 5
 
 
+def test_three_limbs_meet_in_one_place_whichever_side_of_their_triangle_is_open() -> None:
+    nodes = np.concatenate([NODES, [[-0.95, 0.05, 0.0], [0.95, 0.05, 0.0]]])
+    limbs, sides = [[2, 3], [0, 4], [1, 5]], [[0, 1], [0, 2], [1, 2]]
+    places = []
+    for k in range(3):
+        edges = np.array(limbs + sides[:k] + sides[k + 1 :])
+        got = Junction()(*taken(PLATE, nodes, edges)).rough
+        assert got.edges.tolist() == [[0, 4], [0, 6], [1, 5], [1, 6], [2, 3], [2, 6]]
+        places.append(got.nodes.positions[6])
+    assert np.allclose(places, places[0], atol=1e-12)
+    # As far along the plate from one half of it as from the other.
+    assert abs(places[0][0]) < 1e-9
+
+
 def test_limbs_that_meet_in_a_node_go_on_meeting_there() -> None:
     nodes = np.array([[-0.6, 0.0, 0.0], [0.6, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, -0.6, 0.0]])
     held = taken(BARS, nodes, EDGES)

@@ -4,7 +4,7 @@ The points of the nodes cover the cloud, and nodes meet where points serve both.
 meet node j, joined where they meet each other at j, fall into groups: one for each direction in
 which the shape leaves j (the link of j in the nerve of the cover). A tree of edges between nodes
 may still have two edges of one group meet in j: where a thumb leaves a palm, the palm's limb
-would make a detour by the thumb's root. They meet where the mass is that j shares with the group.
+would make a detour by the thumb's root. They meet where the mass is that j and the group share.
 """
 
 from __future__ import annotations
@@ -125,7 +125,10 @@ def _groups(
 def meeting_places(
     plan: sparse.csr_array, mass: FloatArray, places: FloatArray, joints: Parted
 ) -> FloatArray:
-    """Return where each new node is: the centre of Σ π_j π_k / ϱ over the nodes k of its group.
+    """Return where each new node is: the centre of the mass that its old nodes share.
+
+    The mass is Σ π_j π_k / ϱ over all pairs of them, so that the place does not depend on which
+    of their edges were there: of a triangle that is filled, `link` opens the longest.
 
     Parameters
     ----------
@@ -143,8 +146,7 @@ def meeting_places(
     columns = sparse.csc_array(plan)
     found = np.empty((len(joints.beside), 3))
     for k, (node, others) in enumerate(zip(joints.beside.tolist(), joints.meeting, strict=True)):
-        mine = columns[:, [node]].toarray()[:, 0]
-        theirs = np.asarray(columns[:, others].sum(axis=1)).ravel()
-        shared = mine * theirs / mass
+        each = columns[:, [node, *others]].toarray()
+        shared = (each.sum(axis=1) ** 2 - (each**2).sum(axis=1)) / mass
         found[k] = shared @ places / shared.sum()
     return found
