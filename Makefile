@@ -24,9 +24,9 @@ help:
 	@echo 'make docs            build the documentation: build/site'
 	@echo 'make package         build wheel and sdist, and use them under every Python there is'
 	@echo 'make bench-topology  all of the topology benchmark (hours)'
-	@echo 'make bench-stream    all that streaming must show, but for the live run (20 minutes)'
+	@echo 'make bench-stream    all that streaming must show, but for the live run (5 minutes)'
 	@echo 'make bench-stream-live   30,000 points at 10 Hz for 5 minutes'
-	@echo 'make bench-speed     the speed benchmark (about half an hour)'
+	@echo 'make bench-speed     the speed benchmark (10 minutes)'
 	@echo 'make clean           remove what was set up and made'
 
 demo: $(VENV)/.demo
